@@ -1,0 +1,50 @@
+"""Checks that every noun runs once, where it is made: shape, dtype, finiteness, read-only."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
+
+from clothrf_core.errors import ShapeError
+
+
+def checked(
+    name: str,
+    value: Any,
+    shape: tuple[int | None, ...],
+    dtype: DTypeLike,
+    *,
+    finite: bool = False,
+) -> NDArray[Any]:
+    """A read-only view of `value` after checking it; nothing is cast or copied.
+
+    Args:
+        name: what to call the array in the error, for example ``"RgbdFrame.depth"``.
+        value: the array.
+        shape: expected shape; ``None`` matches any length.
+        dtype: expected dtype, exactly.
+        finite: also refuse NaN and infinity.
+
+    Raises:
+        ShapeError: naming what was expected and what was found.
+    """
+    wanted = np.dtype(dtype)
+    text = "(" + ", ".join("*" if n is None else str(n) for n in shape) + ")"
+    if not isinstance(value, np.ndarray):
+        raise ShapeError(
+            f"{name}: expected a numpy array {wanted} of shape {text}, got {type(value).__name__}"
+        )
+    fits = value.ndim == len(shape) and all(
+        n is None or n == m for n, m in zip(shape, value.shape, strict=True)
+    )
+    if value.dtype != wanted or not fits:
+        raise ShapeError(
+            f"{name}: expected {wanted} of shape {text}, got {value.dtype} of shape {value.shape}"
+        )
+    if finite and not np.isfinite(value).all():
+        raise ShapeError(f"{name}: expected finite numbers, got NaN or infinity in {text}")
+    view = value.view()
+    view.flags.writeable = False
+    return view
