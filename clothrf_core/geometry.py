@@ -33,7 +33,8 @@ def rotation_vector(vector: Float) -> Float:
     if angle < 1e-12:
         return np.eye(3) + skew(vector)
     K = skew(np.asarray(vector) / angle)
-    return np.eye(3) + np.sin(angle) * K + (1.0 - np.cos(angle)) * (K @ K)
+    R: Float = np.eye(3) + np.sin(angle) * K + (1.0 - np.cos(angle)) * (K @ K)
+    return R
 
 
 def skew(v: Float) -> Float:
@@ -44,7 +45,8 @@ def skew(v: Float) -> Float:
 def nearest_rotation(matrix: Float) -> Float:
     """(3, 3) rotation closest to `matrix` in the Frobenius norm (Higham 1986, by SVD)."""
     U, _, Vt = np.linalg.svd(matrix)
-    return U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt
+    result: Float = U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt
+    return result
 
 
 def rotation_angle(R: Float) -> float:

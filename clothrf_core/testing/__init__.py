@@ -1,0 +1,1 @@
+"""Contract suites for plugin authors: what a type cannot say, as functions that raise."""
