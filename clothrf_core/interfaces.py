@@ -7,7 +7,7 @@ same methods. What a type cannot say is checked by the suites in `clothrf_core.t
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Protocol, Self, runtime_checkable
@@ -208,13 +208,33 @@ class World(Protocol):
 
 
 class JointLimits(Protocol):
-    """(J,) float64 arrays; radians and seconds."""
+    """(J,) float64 arrays; radians and seconds.
 
-    lower: Float
-    upper: Float
-    velocity: Float
-    acceleration: Float
-    jerk: Float
+    `lower` and `upper` are the controller's; nothing is ever sent outside `soft_lower` and
+    `soft_upper`, which lie inside them. `velocity`, `acceleration` and `jerk` bound every motion,
+    stops included.
+    """
+
+    @property
+    def lower(self) -> Float: ...
+
+    @property
+    def upper(self) -> Float: ...
+
+    @property
+    def soft_lower(self) -> Float: ...
+
+    @property
+    def soft_upper(self) -> Float: ...
+
+    @property
+    def velocity(self) -> Float: ...
+
+    @property
+    def acceleration(self) -> Float: ...
+
+    @property
+    def jerk(self) -> Float: ...
 
 
 class JointLimiter(Protocol):
@@ -222,7 +242,13 @@ class JointLimiter(Protocol):
 
     @abstractmethod
     def tick(self, target: Float) -> tuple[Float, Float, Float]:
-        """Next (q, qd, qdd), each (J,), on the way to `target` at rest there."""
+        """Next (q, qd, qdd), each (J,), on the way to `target` at rest there.
+
+        `target` is clamped to the soft limits.
+
+        Raises:
+            RefusedTarget: wrong length or not finite; the state is unchanged.
+        """
 
     @abstractmethod
     def stop(self) -> tuple[Float, Float, Float]:
@@ -279,6 +305,10 @@ class ArmModel(Protocol):
     def limiter(self, dt: float, *, q: Float) -> JointLimiter:
         """A fresh motion limiter at rest at `q`, ticking every `dt` seconds."""
 
+    def capsules(self, q: Float) -> Sequence[tuple[Float, Float, float]]:
+        """What the arms look like at `q`: (p0, p1, radius), end points (3,) world, metres."""
+        return ()
+
 
 class BridgeEnd(Protocol):
     """Where the bridge's joint stream ends: a simulated YuMi or ABB's EGM."""
@@ -296,11 +326,18 @@ class BridgeEnd(Protocol):
 
     @abstractmethod
     def measured(self) -> tuple[Float, Float] | None:
-        """(q, qd) measured last, or None while no controller is connected."""
+        """(q, qd) measured last, or None while no controller is connected and ready to move.
+
+        After a controller's session has restarted, the next call gives None once, so that no
+        restart goes unseen: take the old motion back and start anew from the next measurement.
+        """
 
     @abstractmethod
     def put(self, q: Float, qd: Float) -> None:
-        """Follow this posture and speed from now on."""
+        """Follow this posture and speed from now on.
+
+        After a restart, postures are ignored until one is close to what was measured.
+        """
 
     @abstractmethod
     def health(self) -> Mapping[str, float]:
