@@ -216,25 +216,39 @@ class JointLimits(Protocol):
     """
 
     @property
-    def lower(self) -> Float: ...
+    @abstractmethod
+    def lower(self) -> Float:
+        """Hard lower bound, rad."""
 
     @property
-    def upper(self) -> Float: ...
+    @abstractmethod
+    def upper(self) -> Float:
+        """Hard upper bound, rad."""
 
     @property
-    def soft_lower(self) -> Float: ...
+    @abstractmethod
+    def soft_lower(self) -> Float:
+        """Least position ever sent, rad."""
 
     @property
-    def soft_upper(self) -> Float: ...
+    @abstractmethod
+    def soft_upper(self) -> Float:
+        """Greatest position ever sent, rad."""
 
     @property
-    def velocity(self) -> Float: ...
+    @abstractmethod
+    def velocity(self) -> Float:
+        """Greatest speed, rad/s."""
 
     @property
-    def acceleration(self) -> Float: ...
+    @abstractmethod
+    def acceleration(self) -> Float:
+        """Greatest acceleration, rad/s^2, in stops too."""
 
     @property
-    def jerk(self) -> Float: ...
+    @abstractmethod
+    def jerk(self) -> Float:
+        """Greatest jerk, rad/s^3, in stops too."""
 
 
 class JointLimiter(Protocol):
