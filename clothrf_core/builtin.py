@@ -1,3 +1,30 @@
 """The core's own components; they enter by the same door as everybody's."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
+
+from clothrf_core.errors import ConfigError
+from clothrf_core.hookspecs import hookimpl
+from clothrf_core.interfaces import Robot
+from clothrf_core.provider import BuildContext, NoOptions, Provider
+
+
+@hookimpl
+def clothrf_robots() -> Sequence[Provider[Robot]]:
+    """The simulated robot."""
+    return [
+        Provider(
+            name="simulated",
+            summary="grippers of the simulated world; sending lets one control period pass",
+            build=_simulated,
+        )
+    ]
+
+
+def _simulated(_: NoOptions, context: BuildContext) -> Robot:
+    from clothrf_core.simulated import SimulatedRobot
+
+    if context.world is None:
+        raise ConfigError("robot 'simulated' needs a simulated world; it has none here")
+    return SimulatedRobot(context.world)

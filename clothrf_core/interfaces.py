@@ -148,6 +148,11 @@ class HandMotion(Protocol):
     def step(self, dt: float) -> Float:
         """(2, 3) float64 hands `dt` seconds later; speed and distance limits are kept."""
 
+    @property
+    @abstractmethod
+    def arrivals(self) -> int:
+        """Targets reached since `reset`; an episode ends after a number of them."""
+
 
 class Robot(Protocol):
     """Something that holds two corners and goes where it is told, within its limits."""

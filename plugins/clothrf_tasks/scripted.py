@@ -27,6 +27,15 @@ class Scripted(HandMotion):
         self.repeat = repeat
         self._time = 0.0
 
+    @property
+    @override
+    def arrivals(self) -> int:
+        if self.repeat and len(self.times) > 1:
+            rounds, rest = divmod(self._time, float(self.times[-1]))
+            passed = int(np.searchsorted(self.times, rest, side="right")) - 1
+            return int(rounds) * (len(self.times) - 1) + passed
+        return int(np.searchsorted(self.times, self._time, side="right")) - 1
+
     @override
     def reset(self, rng: np.random.Generator) -> Float:
         self._time = 0.0

@@ -38,6 +38,12 @@ class RandomTargets(HandMotion):
         self._hands = limits.drawn_together(limits.rest)
         self._target = np.array(self._hands)
         self._waiting = 0.0
+        self._arrivals = 0
+
+    @property
+    @override
+    def arrivals(self) -> int:
+        return self._arrivals
 
     @override
     def reset(self, rng: np.random.Generator) -> Float:
@@ -45,6 +51,7 @@ class RandomTargets(HandMotion):
         self._hands = self._draw()
         self._target = self._draw()
         self._waiting = 0.0
+        self._arrivals = 0
         return np.array(self._hands)
 
     @override
@@ -65,6 +72,7 @@ class RandomTargets(HandMotion):
                 break
             left -= needed
             self._hands = self._target
+            self._arrivals += 1
             self._target = self._draw()
             self._waiting = self.pause
         return np.array(self._hands)

@@ -1,0 +1,128 @@
+"""Roll-outs on a Dask cluster, through its own futures.
+
+Not its joblib backend: that one never returns when a task keeps killing its worker (measured with
+joblib 1.6 and distributed 2026.8). A roll-out lost with its worker runs again, up to a number of
+attempts; then it is named with its seed.
+"""
+
+from __future__ import annotations
+
+import importlib.metadata
+import logging
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+from clothrf_core.collection import ONE_THREAD, Job
+from clothrf_core.errors import ClothrfError, ConfigError, MissingDependency, RolloutFailed
+from clothrf_core.sections import CollectionSection
+
+logger = logging.getLogger(__name__)
+
+
+class Cluster:
+    """A running cluster at ``tcp://host:port``, or one started here (``address = "local"``)."""
+
+    def __init__(self, section: CollectionSection) -> None:
+        try:
+            import distributed
+        except ImportError as error:
+            raise MissingDependency(
+                "collection.engine = 'dask' needs 'distributed', which is not installed. "
+                "Install it with: pip install 'clothrf[dask]'"
+            ) from error
+        self._section = section
+        self._local: Any = None
+        if section.address == "local":
+            self._local = distributed.LocalCluster(
+                n_workers=section.workers,
+                threads_per_worker=1,
+                processes=True,
+                dashboard_address=None,
+                host="127.0.0.1",
+                env=ONE_THREAD,
+            )
+        try:
+            self._client = distributed.Client(self._local or section.address, timeout=15)
+        except (OSError, TimeoutError) as error:
+            raise ConfigError(
+                f"collection.address: expected a Dask scheduler at {section.address}, found none "
+                f"({error}). Start one, or set address = 'local'"
+            ) from error
+        self._check_workers()
+
+    def run(self, jobs: Sequence[Job]) -> Iterator[tuple[Job, Any]]:
+        """See `collection.Engine.run`."""
+        import distributed
+
+        pending = {self._submit(job, 0): (job, 1) for job in jobs}
+        queue = distributed.as_completed(pending)
+        try:
+            for future in queue:
+                job, attempt = pending.pop(future)
+                if future.status == "finished":
+                    yield job, future.result()
+                    future.release()
+                    continue
+                error = future.exception()
+                if isinstance(error, ClothrfError):
+                    raise error
+                if not isinstance(error, (distributed.KilledWorker, OSError)):
+                    raise error
+                if attempt < self._section.attempts:
+                    again = self._submit(job, attempt)
+                    pending[again] = (job, attempt + 1)
+                    queue.add(again)
+                    continue
+                message = f"{job.name} killed its worker {attempt} times; all else is kept"
+                if self._section.on_failure == "stop":
+                    raise RolloutFailed(message)
+                logger.error("%s; going on without it", message)
+        except distributed.client.FutureCancelledError as error:
+            raise RolloutFailed(
+                "the Dask scheduler was lost; everything collected is kept. "
+                "Start it again and go on with --resume"
+            ) from error
+        finally:
+            for future in pending:
+                future.cancel()
+
+    def close(self) -> None:
+        """Leave the cluster; end it if it was started here."""
+        self._client.close()
+        if self._local is not None:
+            self._local.close()
+
+    def _submit(self, job: Job, attempt: int) -> Any:
+        return self._client.submit(
+            _run, job, key=f"{job.name}-{id(job):x}-{attempt}", retries=0, pure=False
+        )
+
+    def _check_workers(self) -> None:
+        here = importlib.metadata.version("clothrf")
+        try:
+            there = self._client.run(_version)
+        except ImportError as error:
+            raise ConfigError(
+                f"collection.address: a worker of {self._section.address} has no clothrf "
+                f"({error}); install the same version on all workers"
+            ) from error
+        for worker, version in there.items():
+            if version != (here, plugin_set()):
+                raise ConfigError(
+                    f"collection.address: worker {worker} runs clothrf {version[0]} with plugins "
+                    f"{', '.join(version[1])}; expected {here} with {', '.join(plugin_set())}. "
+                    "Install the same on all workers"
+                )
+
+
+def plugin_set() -> tuple[str, ...]:
+    """Names of the plugins installed here; workers must have the same."""
+    return tuple(sorted(p.name for p in importlib.metadata.entry_points(group="clothrf")))
+
+
+def _version() -> tuple[str, tuple[str, ...]]:
+    return importlib.metadata.version("clothrf"), plugin_set()
+
+
+def _run(job: Job) -> Any:
+    return job.run()

@@ -1,0 +1,286 @@
+"""A simulator and a renderer, seen through the same `Camera` and `Robot` as the real ones.
+
+The simulated world owns everything that a policy must not see: the cloth, the hands, the draw of
+the randomiser. One `advance` is one control period: the hands move, the robot follows its command.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Self
+
+import numpy as np
+from numpy.random import Generator, SeedSequence
+from typing_extensions import override
+
+from clothrf_core.interfaces import (
+    Camera,
+    Expert,
+    HandMotion,
+    Randomizer,
+    RenderedCamera,
+    Robot,
+    Simulator,
+    World,
+)
+from clothrf_core.params import Randomization, SimulationParams
+from clothrf_core.rig import Rig
+from clothrf_core.scene import Label, Picture, Scene, SceneMesh, box, capsule, cloth_mesh
+from clothrf_core.sections import ClothSection
+from clothrf_core.types import (
+    CameraModel,
+    ClothState,
+    Float,
+    GraspState,
+    RgbdFrame,
+    RobotCommand,
+)
+
+SKIN = (0.60, 0.38, 0.28)
+STEEL = (0.35, 0.36, 0.38)
+
+
+class SimulatedWorld(World):
+    """Cloth, person, robot and sensor noise of one roll-out at a time.
+
+    Args:
+        simulator: the cloth.
+        hands: how the person moves.
+        randomizer: what varies between roll-outs.
+        rig: where everything stands.
+        cloth: the nominal cloth.
+        dt: control period, s.
+    """
+
+    def __init__(
+        self,
+        simulator: Simulator,
+        hands: HandMotion,
+        randomizer: Randomizer,
+        rig: Rig,
+        cloth: ClothSection,
+        dt: float,
+    ) -> None:
+        self._simulator = simulator
+        self._hands = hands
+        self._randomizer = randomizer
+        self._rig = rig
+        self._cloth = cloth
+        self._dt = dt
+        self._nominal_camera = rig.camera.model()
+        self._table = table(rig)
+        self._state: ClothState | None = None
+        self._params: Randomization | None = None
+        self._steps = 0
+
+    def reset(self, seed: SeedSequence, start: Expert) -> ClothState:
+        """Start a roll-out; the robot begins where `start` says it should be.
+
+        Every part gets its own stream of `seed`, so that drawing more numbers in one does not
+        change the others.
+        """
+        motion, cloth, draw, noise, sensor = (np.random.default_rng(s) for s in seed.spawn(5))
+        hands = self._hands.reset(motion)
+        corners = ClothState(
+            vertices=np.concatenate([hands, self._rig.rest_grasp]),
+            velocities=np.zeros((4, 3)),
+            hands=hands,
+            grasp=self._rig.rest_grasp,
+        )
+        self._params = self._randomizer.draw(
+            draw, self.nominal(hands, np.array(start.label(corners).targets))
+        )
+        self._noise_rng, self._sensor_rng = noise, sensor
+        self._offset = np.zeros((2, 3))
+        self._steps = 0
+        self._state = self._simulator.reset(cloth, self._params.simulation)
+        return self._state
+
+    def nominal(self, hands: Float, grasp: Float) -> Randomization:
+        """What a roll-out from these (2, 3) corners looks like without randomisation."""
+        section = self._cloth
+        return Randomization(
+            simulation=SimulationParams(
+                hands=hands,
+                grasp=grasp,
+                size=section.size,
+                resolution=section.resolution,
+                fabric=section.fabric.fabric(),
+                self_collision=section.self_collision,
+                settle_s=section.settle_s,
+            ),
+            camera=self._nominal_camera,
+            cloth_colour=section.colour,
+        )
+
+    @property
+    def state(self) -> ClothState:
+        """The truth; for experts, evaluation and drawing."""
+        if self._state is None:
+            raise RuntimeError("SimulatedWorld: reset it before use")
+        return self._state
+
+    @property
+    def params(self) -> Randomization:
+        """What was drawn for this roll-out."""
+        if self._params is None:
+            raise RuntimeError("SimulatedWorld: reset it before use")
+        return self._params
+
+    @property
+    def arrivals(self) -> int:
+        """Hand targets reached in this roll-out."""
+        return self._hands.arrivals
+
+    @property
+    def stamp_ns(self) -> int:
+        """Simulated time, nanoseconds since `reset`."""
+        return round(self._steps * self._dt * 1e9)
+
+    @override
+    def scene(self) -> Scene:
+        state, params = self.state, self.params
+        meshes = [
+            cloth_mesh(state, self._simulator.mesh(), params.cloth_colour),
+            *holders(state),
+            self._table,
+            *params.occluders,
+        ]
+        return Scene(meshes=tuple(meshes), light=params.light, stamp_ns=self.stamp_ns)
+
+    @override
+    def camera_model(self) -> CameraModel:
+        return self.params.camera
+
+    @override
+    def grasp(self) -> GraspState:
+        return GraspState(positions=np.array(self.state.grasp), stamp_ns=self.stamp_ns)
+
+    @override
+    def advance(self, command: RobotCommand) -> None:
+        hands = self._hands.step(self._dt) + self._disturbance(self.params)
+        self._state = self._simulator.step(np.array(command.targets), hands, self._dt)
+        self._steps += 1
+
+    def seen(self, picture: Picture) -> RgbdFrame:
+        """The picture as the sensor delivers it: told the nominal camera, disturbed."""
+        frame = dataclasses.replace(picture.frame, camera=self._nominal_camera)
+        return self._randomizer.corrupt(frame, self.params, self._sensor_rng)
+
+    def _disturbance(self, params: Randomization) -> Float:
+        """Ornstein-Uhlenbeck offset of the hands, (2, 3) m, exact for any dt."""
+        noise = params.hand_noise
+        if noise.std <= 0.0:
+            return self._offset
+        decay = np.exp(-self._dt / noise.time_constant_s)
+        kick = self._noise_rng.standard_normal((2, 3)) * noise.std * np.sqrt(1.0 - decay**2)
+        self._offset = decay * self._offset + kick
+        return self._offset
+
+
+class SimulatedCamera(Camera):
+    """A rendered camera with the world's sensor noise in front of it."""
+
+    def __init__(self, renderer: RenderedCamera, world: SimulatedWorld) -> None:
+        self._renderer = renderer
+        self._world = world
+
+    @override
+    def __enter__(self) -> Self:
+        self._renderer.__enter__()
+        return self
+
+    @override
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._renderer.__exit__(kind, error, trace)
+
+    @override
+    def read(self, timeout_s: float = 1.0) -> RgbdFrame:
+        return self._world.seen(self.picture())
+
+    def picture(self) -> Picture:
+        """The undisturbed picture with its labels; for evaluation."""
+        return self._renderer.render(self._world.scene(), self._world.camera_model())
+
+
+class SimulatedRobot(Robot):
+    """Grippers that go where they are told; sending lets one control period pass."""
+
+    def __init__(self, world: World) -> None:
+        self._world = world
+
+    @override
+    def __enter__(self) -> Self:
+        return self
+
+    @override
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        return None
+
+    @override
+    def state(self) -> GraspState:
+        return self._world.grasp()
+
+    @override
+    def send(self, command: RobotCommand) -> RobotCommand:
+        self._world.advance(command)
+        return command
+
+
+@dataclass(frozen=True)
+class Disturbance:
+    """OU noise on grasp targets, to visit states that no expert would; (2, 3) m a call."""
+
+    std: float
+    dt: float
+    time_constant_s: float = 0.3
+
+    def next(self, previous: Float, rng: Generator) -> Float:
+        """The next offset after `previous`."""
+        decay = np.exp(-self.dt / self.time_constant_s)
+        kick = rng.standard_normal(previous.shape) * self.std * np.sqrt(1.0 - decay**2)
+        following: Float = decay * previous + kick
+        return following
+
+
+def table(rig: Rig) -> SceneMesh:
+    """The rig's table as something to draw."""
+    mesh = box(
+        np.array(rig.table.low, float),
+        np.array(rig.table.high, float),
+        Label.TABLE,
+        (rig.table.colour[0], rig.table.colour[1], rig.table.colour[2]),
+    )
+    return dataclasses.replace(mesh, measurable=rig.table.measurable)
+
+
+def holders(state: ClothState) -> list[SceneMesh]:
+    """Hands and grippers at the four corners, pointing away from the cloth."""
+    centre = np.concatenate([state.hands, state.grasp]).mean(axis=0)
+    meshes = []
+    for corner in state.hands:
+        away = _unit(corner - centre + np.array([0.10, 0.0, -0.02]))
+        meshes.append(capsule(corner + 0.012 * away, corner + 0.11 * away, 0.022, Label.HAND, SKIN))
+    for corner in state.grasp:
+        away = _unit(corner - centre + np.array([-0.10, 0.0, 0.10]))
+        meshes.append(
+            capsule(corner + 0.008 * away, corner + 0.12 * away, 0.014, Label.GRIPPER, STEEL)
+        )
+    return meshes
+
+
+def _unit(vector: Float) -> Float:
+    result: Float = vector / max(float(np.linalg.norm(vector)), 1e-9)
+    return result
