@@ -16,6 +16,7 @@ from typing import Any
 import tomli_w
 from pydantic import BaseModel, ValidationError
 
+from clothrf_core.camera_file import read_camera_file
 from clothrf_core.errors import ClothrfError, ConfigError, suggestion
 from clothrf_core.registry import Registry
 from clothrf_core.rig import Rig, Section
@@ -137,6 +138,19 @@ def read_toml(path: Path) -> dict[str, Any]:
         raise ConfigError(f"{path}: cannot be read ({error.strerror})") from error
 
 
+def read_rig(path: Path) -> Rig:
+    """A rig file on its own.
+
+    Raises:
+        ConfigError: listing every problem.
+    """
+    problems: list[str] = []
+    rig = _rig({"file": path.name}, path.parent, problems)
+    if rig is None:
+        raise ConfigError("\n".join(problems))
+    return rig
+
+
 def _rig(data: Mapping[str, Any], folder: Path, problems: list[str]) -> Rig | None:
     prefix = "rig"
     tree: dict[str, Any] = dict(data)
@@ -150,7 +164,7 @@ def _rig(data: Mapping[str, Any], folder: Path, problems: list[str]) -> Rig | No
         if isinstance(camera, dict) and "file" in camera:
             path = folder / str(camera["file"])
             rest = {k: v for k, v in camera.items() if k != "file"}
-            tree["camera"] = {**read_toml(path).get("camera", {}), **rest}
+            tree["camera"] = {**read_camera_file(path).model_dump(), **rest}
         rig = Rig.model_validate(tree)
         rig.camera.model()
         return rig

@@ -207,7 +207,11 @@ class SimulatedCamera(Camera):
 
     def picture(self) -> Picture:
         """The undisturbed picture with its labels; for evaluation."""
-        return self._renderer.render(self._world.scene(), self._world.camera_model())
+        return self.draw(self._world.camera_model())
+
+    def draw(self, camera: CameraModel) -> Picture:
+        """The undisturbed picture from another viewpoint."""
+        return self._renderer.render(self._world.scene(), camera)
 
 
 class SimulatedRobot(Robot):

@@ -152,9 +152,8 @@ class BlockFeatures(FeatureExtractor):
 
     def __init__(self, *, depth_max: float = 2.0) -> None:
         self._depth_max = depth_max
-        self._names = tuple(
-            f"block_r{r}_c{c}_{x}" for r in range(4) for c in range(4) for x in "xyz"
-        )
+        cells = [(r, c, x) for r in range(4) for c in range(4) for x in "xyz"]
+        self._names = tuple(f"block_r{r}_c{c}_{x}" for r, c, x in cells)
 
     @property
     @override

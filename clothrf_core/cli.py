@@ -1,0 +1,411 @@
+"""The command line: a few lines a command over the library. Nothing else in the core prints."""
+
+from __future__ import annotations
+
+import logging
+import sys
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.console import Console
+from rich.logging import RichHandler
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
+from rich.table import Table
+
+from clothrf_core import __version__
+from clothrf_core.errors import ClothrfError, UnknownPlugin, suggestion
+from clothrf_core.registry import KINDS, Registry
+
+console = Console()
+app = typer.Typer(
+    name="clothrf",
+    help="Random-forest controllers for robots that handle cloth.",
+    no_args_is_help=True,
+    add_completion=False,
+    rich_markup_mode="rich",
+    pretty_exceptions_enable=False,
+)
+
+ConfigPath = Annotated[Path, typer.Argument(help="experiment TOML file")]
+RunPath = Annotated[Path, typer.Argument(help="run folder, as written by train")]
+Set = Annotated[
+    list[str] | None,
+    typer.Option("--set", help="override a key, as --set training.iterations=3; repeatable"),
+]
+
+
+@app.callback(invoke_without_command=True)
+def _root(
+    version: Annotated[bool, typer.Option("--version", help="print the version and exit")] = False,
+    verbose: Annotated[bool, typer.Option("--verbose", help="log more")] = False,
+) -> None:
+    logging.basicConfig(
+        level=logging.INFO if verbose else logging.WARNING,
+        format="%(message)s",
+        handlers=[RichHandler(console=Console(stderr=True), show_path=False, show_time=False)],
+    )
+    if version:
+        console.print(f"clothrf {__version__}")
+        raise typer.Exit
+
+
+@app.command()
+def demo(
+    out: Annotated[Path, typer.Option(help="folder to write")] = Path("runs/demo"),
+    config: Annotated[Path | None, typer.Option(help="another experiment file")] = None,
+    resume: Annotated[bool, typer.Option(help="go on with a killed demo")] = False,
+) -> None:
+    """Train, evaluate in closed loop, and draw the cloth with the controller and the expert."""
+    from clothrf_core.locations import shipped
+
+    path = config or shipped("demo.toml")
+    if out.exists() and not resume and not (out / "report.html").exists():
+        resume = (out / "experiment.toml").exists()
+    if (out / "report.html").exists() and not resume:
+        out = _free(out)
+    run = _train(path, out, resume=resume, overrides=None)
+    _evaluate(run, None)
+    _draw(run)
+    console.print(f"\nPictures, animation and report: [bold]{out / 'report.html'}[/bold]")
+
+
+@app.command()
+def train(
+    config: ConfigPath,
+    out: Annotated[Path | None, typer.Option(help="run folder; default runs/<config name>")] = None,
+    resume: Annotated[bool, typer.Option(help="go on where a killed run stopped")] = False,
+    dask: Annotated[
+        str | None, typer.Option(help="collect on a Dask cluster: tcp://host:port, or local")
+    ] = None,
+    workers: Annotated[int | None, typer.Option(help="worker processes", min=1)] = None,
+    overrides: Set = None,
+) -> None:
+    """Train a policy by imitation (DAgger). Example: clothrf train configs/straight.toml."""
+    extra: dict[str, Any] = {}
+    if dask is not None:
+        extra = {"collection.engine": "dask", "collection.address": dask}
+    if workers is not None:
+        extra["collection.workers"] = workers
+    target = out or Path("runs") / config.stem
+    run = _train(config, target, resume=resume, overrides={**_overrides(overrides), **extra})
+    _draw(run, film=False)
+    console.print(f"Policy: {run.best}\nReport: {run.path / 'report.html'}")
+
+
+@app.command()
+def evaluate(
+    folder: RunPath,
+    seeds: Annotated[int | None, typer.Option(help="episodes a controller", min=2)] = None,
+) -> None:
+    """Closed loop: the trained policy against its expert over random hand targets."""
+    from clothrf_core.run_folder import RunFolder
+
+    run = RunFolder.open(folder)
+    _evaluate(run, seeds)
+    _draw(run)
+    console.print(f"Report: {run.path / 'report.html'}")
+
+
+@app.command()
+def predict(
+    policy: Annotated[Path, typer.Argument(help="policy folder, as runs/demo/policy")],
+    folder: Annotated[Path, typer.Argument(help="*_color.png, *_depth.png and camera.toml")],
+    out: Annotated[
+        Path | None, typer.Option(help="where to write; default FOLDER/predictions")
+    ] = None,
+    task: Annotated[list[str] | None, typer.Option(help="task; repeatable; default all")] = None,
+    rig: Annotated[Path | None, typer.Option(help="rig file with the real scene's cues")] = None,
+    overlays: Annotated[bool, typer.Option(help="draw the targets on the pictures")] = True,
+) -> None:
+    """Run a trained policy over a folder of real frames: a CSV table and overlays."""
+    from clothrf_core.config import read_rig
+    from clothrf_core.predict import Prediction, predict_folder
+
+    target = out or folder / "predictions"
+    invalid = 0
+    with _bar() as bar:
+        row = bar.add_task("frames", total=None)
+
+        def show(prediction: Prediction) -> None:
+            nonlocal invalid
+            invalid += not prediction.features.valid
+            bar.advance(row)
+
+        count = predict_folder(
+            policy,
+            folder,
+            target,
+            Registry.installed(),
+            tasks=tuple(task or ()),
+            rig=read_rig(rig) if rig else None,
+            overlays=overlays,
+            on_frame=show,
+        )
+    console.print(
+        f"{count} frames, {invalid} without usable foreground: {target / 'predictions.csv'}"
+    )
+
+
+@app.command()
+def check(config: ConfigPath, overrides: Set = None) -> None:
+    """Check an experiment file and print it with every default written out."""
+    from clothrf_core.config import load
+
+    sys.stdout.write(load(config, Registry.installed(), _overrides(overrides)).text)
+
+
+@app.command()
+def plugins(
+    kind: Annotated[str | None, typer.Argument(help="only this kind")] = None,
+    options: Annotated[bool, typer.Option("--options", help="show the options of each")] = False,
+) -> None:
+    """List what is installed, and what failed to load with its reason."""
+    registry = Registry.installed()
+    if kind is not None and kind not in KINDS:
+        raise UnknownPlugin(f"no kind of plugin is called '{kind}'. {suggestion(kind, KINDS)}")
+    table = Table(box=None, header_style="bold")
+    for head in ("kind", "name", "what it is", "from"):
+        table.add_column(head)
+    for one in [kind] if kind else KINDS:
+        for name, entry in sorted(registry.entries[one].items()):
+            table.add_row(one, f"[bold]{name}[/bold]", entry.provider.summary, entry.distribution)
+            if options:
+                for key, field in entry.provider.config.model_fields.items():
+                    default = "required" if field.is_required() else repr(field.get_default(
+                        call_default_factory=True))  # fmt: skip
+                    table.add_row("", f"  {key}", f"{field.description or ''} [dim]{default}[/dim]")
+    console.print(table)
+    for failure in registry.failures:
+        console.print(
+            f"[red]failed[/red] {failure.plugin} (from {failure.distribution}): {failure.reason}",
+            highlight=False,
+            markup=True,
+        )
+
+
+@app.command()
+def doctor() -> None:
+    """Say what this machine has and lacks, with the command that mends each."""
+    from clothrf_core.doctor import examine
+
+    findings = examine(Registry.installed())
+    table = Table(box=None, header_style="bold")
+    for head in ("", "what", "found", "to mend it"):
+        table.add_column(head, overflow="fold")
+    signs = {True: "[green]ok[/green]", None: "[yellow]--[/yellow]", False: "[red]!![/red]"}
+    for finding in findings:
+        table.add_row(signs[finding.ok], finding.what, finding.found, finding.mend)
+    console.print(table)
+    if any(f.ok is False for f in findings):
+        raise typer.Exit(1)
+
+
+@app.command()
+def info(folder: RunPath) -> None:
+    """What a run did: iterations, held-out errors, closed loop."""
+    from clothrf_core.report import closed_loop_rows, convergence_rows
+    from clothrf_core.run_folder import RunFolder
+
+    run = RunFolder.open(folder)
+    records = run.metrics()
+    if not records:
+        console.print(f"{folder}: no finished iteration yet. Go on with it: clothrf train --resume")
+        return
+    _print_rows(convergence_rows(records))
+    closed = run.evaluation().get("closed_loop")
+    if closed:
+        _print_rows(closed_loop_rows(closed))
+
+
+@app.command()
+def bench(
+    group: Annotated[str, typer.Argument(help="core, robot, loop, scale, paper, calibration, all")],
+    json: Annotated[Path | None, typer.Option(help="write the figures to this file")] = None,
+    against: Annotated[Path | None, typer.Option(help="compare with an earlier file")] = None,
+    quick: Annotated[bool, typer.Option(help="minutes instead of the real thing")] = False,
+    only: Annotated[str | None, typer.Option(help="only those with this in their name")] = None,
+) -> None:
+    """Measure, print, and write figures with the machine they were measured on."""
+    from clothrf_core import benchmark
+    from clothrf_core.files import atomic_write, json_bytes, read_json
+
+    registry = Registry.installed()
+    groups = sorted({b.group for b in registry.benchmarks})
+    if group not in (*groups, "all"):
+        raise UnknownPlugin(f"no benchmark group '{group}'. {suggestion(group, [*groups, 'all'])}")
+    old = read_json(against) if against else None
+    chosen = [
+        b
+        for b in registry.benchmarks
+        if group in (b.group, "all") and (only is None or only in b.name)
+    ]
+    outcomes = benchmark.run_group(
+        chosen, quick=quick, on_start=lambda b: console.print(f"[dim]{b.group}: {b.name} ...[/dim]")
+    )
+    written = benchmark.as_json(outcomes)
+    table = Table(box=None, header_style="bold")
+    for head in ("figure", "value", "unit", "detail"):
+        table.add_column(head, overflow="fold")
+    for name, figure in written["figures"].items():
+        detail = ", ".join(f"{k} {_short(v)}" for k, v in figure["detail"].items())
+        table.add_row(name, _short(figure["value"]), figure["unit"], detail)
+    console.print(f"[bold]{written['machine']['name']}[/bold]")
+    console.print(table)
+    for name, reason in written["skipped"].items():
+        console.print(f"[yellow]skipped[/yellow] {name}: {reason}", highlight=False)
+    if json:
+        atomic_write(json, json_bytes(written))
+    if old is not None:
+        _print_rows(
+            [["figure", "before", "now", "now / before"]]
+            + [
+                [name, _short(before), _short(now), f"{ratio:.2f}"]
+                for name, before, now, ratio in benchmark.changes(written, old)
+            ]
+        )
+
+
+def main() -> None:
+    """Entry point: one line for what the user can mend, a traceback for what we must."""
+    _add_plugin_commands(sys.argv[1:])
+    try:
+        app()
+    except ClothrfError as error:
+        Console(stderr=True).print(f"clothrf: {error}", markup=False, highlight=False)
+        sys.exit(2)
+    except KeyboardInterrupt:
+        sys.exit(130)
+
+
+def _add_plugin_commands(arguments: list[str]) -> None:
+    """Attach sub-commands of plugins; only the one that is used is imported."""
+    chosen = next((a for a in arguments if not a.startswith("-")), "")
+    known = {c.name or getattr(c.callback, "__name__", "") for c in app.registered_commands}
+    if chosen in known:
+        return
+    for command in Registry.installed().commands:
+        if command.name == chosen:
+            app.add_typer(command.load(), name=command.name, help=command.summary)
+        else:
+            app.command(name=command.name, help=command.summary)(_stub)
+
+
+def _stub() -> None:
+    """Stands for a plugin's command in the list of commands."""
+
+
+def _train(path: Path, out: Path, *, resume: bool, overrides: dict[str, Any] | None) -> Any:
+    from clothrf_core import config, imitation
+    from clothrf_core.run_folder import RunFolder
+
+    registry = Registry.installed()
+    resolved = config.load(path, registry, overrides)
+    run = RunFolder.start(out, resolved, resume=resume)
+    experiment = resolved.experiment
+    done = len(run.metrics())
+    left = (experiment.training.iterations - done) * experiment.training.rollouts
+    with _bar() as bar:
+        row = bar.add_task("roll-outs", total=left + experiment.evaluation.rollouts)
+
+        class Shown:
+            def advance(self, what: str) -> None:
+                bar.advance(row)
+
+            def finished(self, record: dict[str, Any]) -> None:
+                bar.console.print(
+                    f"iteration {record['iteration']:2d}  beta {record['beta']:.2f}  "
+                    f"{record['samples']:6d} samples  held out {record['rms_mm']:6.1f} mm  "
+                    f"NRE {record['nre']:.4f}  leaves {record.get('leaves', 0):.0f}",
+                    highlight=False,
+                )
+
+        imitation.dagger(run, registry, Shown())
+    return run
+
+
+def _evaluate(run: Any, seeds: int | None) -> None:
+    from clothrf_core.closed_loop import closed_loop
+    from clothrf_core.report import closed_loop_rows
+
+    with _bar() as bar:
+        row = bar.add_task("episodes", total=None)
+
+        def plan(total: int) -> None:
+            bar.update(row, total=total)
+
+        table = closed_loop(run, Registry.installed(), seeds, plan, lambda: bar.advance(row))
+    _print_rows(closed_loop_rows(table))
+
+
+def _draw(run: Any, *, film: bool = True) -> None:
+    from clothrf_core.gallery import gallery
+    from clothrf_core.report import write_report
+
+    if not film:
+        write_report(run)
+        return
+    with _bar() as bar:
+        row = bar.add_task("pictures", total=None)
+        pictures = gallery(
+            run, Registry.installed(), lambda n: bar.update(row, total=n), lambda: bar.advance(row)
+        )
+    write_report(run, pictures)
+
+
+def _bar() -> Progress:
+    return Progress(
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        TextColumn("left"),
+        TimeRemainingColumn(),
+        console=console,
+    )
+
+
+def _print_rows(rows: list[list[str]]) -> None:
+    table = Table(box=None, header_style="bold")
+    for i, head in enumerate(rows[0]):
+        table.add_column(head, justify="left" if i == 0 else "right")
+    for row in rows[1:]:
+        table.add_row(*row)
+    console.print(table)
+
+
+def _overrides(given: list[str] | None) -> dict[str, Any]:
+    import tomllib
+
+    values: dict[str, Any] = {}
+    for text in given or []:
+        key, separator, value = text.partition("=")
+        if not separator:
+            raise ClothrfError(f"--set {text}: expected key=value, as training.iterations=3")
+        try:
+            values[key.strip()] = tomllib.loads(f"x = {value}")["x"]
+        except tomllib.TOMLDecodeError:
+            values[key.strip()] = value.strip()
+    return values
+
+
+def _free(path: Path) -> Path:
+    number = 2
+    while path.with_name(f"{path.name}-{number}").exists():
+        number += 1
+    return path.with_name(f"{path.name}-{number}")
+
+
+def _short(value: Any) -> str:
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+if __name__ == "__main__":
+    main()
