@@ -1,0 +1,209 @@
+"""Which pixels are cloth: depth range, workspace box, hue, connected surfaces, bridged holes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from clothrf_core.camera_model import rays
+from clothrf_core.rig import ForegroundSection
+from clothrf_core.types import CameraModel, Float, Float32, RgbdFrame
+from clothrf_how import foreground_kernels as kernels
+from clothrf_how.config import ForegroundOptions
+
+# Mean intensity below which a piece has no colour to compare, of 255.
+DARK = 12.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class View:
+    """A camera seen in working pixels (blocks of `factor` x `factor` picture pixels).
+
+    Attributes:
+        camera: the camera of the full picture.
+        factor: picture pixels along a block's side.
+        directions: (3, h, w) float32, world direction of each block's ray, of unit depth.
+        origin: (3,) float32 camera centre, world, metres.
+    """
+
+    camera: CameraModel
+    factor: int
+    directions: Float32
+    origin: Float32
+
+    @classmethod
+    def of(cls, camera: CameraModel, factor: int) -> View:
+        """The view of `camera`; distortion is undone once, here."""
+        h, w = camera.height // factor, camera.width // factor
+        ray = rays(camera)[: h * factor, : w * factor].astype(np.float64)
+        ray = ray.reshape(h, factor, w, factor, 2).mean(axis=(1, 3))
+        local = np.concatenate([ray, np.ones((h, w, 1))], axis=2)
+        world = local @ camera.T_world_camera[:3, :3].T
+        return cls(
+            camera=camera,
+            factor=factor,
+            directions=np.ascontiguousarray(world.transpose(2, 0, 1), dtype=np.float32),
+            origin=camera.T_world_camera[:3, 3].astype(np.float32),
+        )
+
+    def shows(self, camera: CameraModel) -> bool:
+        """Whether this view was made of a camera with the same numbers."""
+        mine = self.camera
+        return mine is camera or (
+            (mine.width, mine.height) == (camera.width, camera.height)
+            and np.array_equal(mine.K, camera.K)
+            and np.array_equal(mine.T_world_camera, camera.T_world_camera)
+            and np.array_equal(mine.distortion, camera.distortion)
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Foreground:
+    """The cloth of one picture, in working pixels.
+
+    Attributes:
+        mask: (h, w) bool.
+        depth: (h, w) float32, metres along the optical axis, holes bridged; 0 outside the mask.
+        view: where each pixel looks.
+        area: pixels of the mask.
+        box: (x0, y0, x1, y1) half-open bounding box of the mask; all 0 if it is empty.
+        usable: False when there is too little to say anything.
+    """
+
+    mask: NDArray[np.bool_]
+    depth: Float32
+    view: View
+    area: int
+    box: tuple[int, int, int, int]
+    usable: bool
+
+
+def foreground(
+    frame: RgbdFrame, view: View, where: ForegroundSection, options: ForegroundOptions
+) -> Foreground:
+    """The cloth of `frame`: the largest surface where cloth may be, and its further pieces."""
+    z, state = kernels.reduce_blocks(
+        frame.depth,
+        view.factor,
+        where.depth_min,
+        where.depth_max,
+        view.directions,
+        view.origin,
+        np.array(where.low, np.float32),
+        np.array(where.high, np.float32),
+    )
+    if where.hue is not None:
+        wrong = ~hue_mask(block_colour(frame.rgb, view.factor), where)
+        state[wrong & (state == kernels.CANDIDATE)] = kernels.ELSEWHERE
+    label, area = kernels.surfaces(z, state, options.jump)
+    mask = label == _largest(area)
+    others = _further_pieces(area, options.keep_share)
+    if others.size:
+        colour = block_colour(frame.rgb, view.factor)
+        for piece in others:
+            candidate = label == piece
+            if same_colour(colour[mask], colour[candidate], options.colour_tolerance):
+                mask |= candidate
+    mask, depth = kernels.bridge(mask, z, options.fill_gap, options.jump)
+    count = int(np.count_nonzero(mask))
+    return Foreground(
+        mask=mask,
+        depth=depth,
+        view=view,
+        area=count,
+        box=bounding_box(mask),
+        usable=count >= max(16.0, options.min_share * mask.size),
+    )
+
+
+def block_colour(rgb: NDArray[np.uint8], factor: int) -> NDArray[np.uint8]:
+    """(h, w, 3) uint8 mean colour of each block."""
+    if factor == 1:
+        return rgb
+    h, w = rgb.shape[0] // factor, rgb.shape[1] // factor
+    cut = np.ascontiguousarray(rgb[: h * factor, : w * factor])
+    shrunk = cv2.resize(src=cut, dsize=(w, h), interpolation=cv2.INTER_AREA)
+    return np.asarray(shrunk, np.uint8)
+
+
+def hue_mask(rgb: NDArray[np.uint8], where: ForegroundSection) -> NDArray[np.bool_]:
+    """(h, w) bool: pixels in the rig's hue range with enough saturation and value (HSV)."""
+    if where.hue is None:
+        return np.ones(rgb.shape[:2], bool)
+    hsv = cv2.cvtColor(src=rgb, code=cv2.COLOR_RGB2HSV_FULL)
+    hue = hsv[:, :, 0].astype(np.float32) * (360.0 / 256.0)
+    first, second = (h % 360.0 for h in where.hue)
+    inside = (hue >= first) & (hue <= second)
+    if first > second:
+        inside = (hue >= first) | (hue <= second)
+    result: NDArray[np.bool_] = (
+        inside
+        & (hsv[:, :, 1] >= 255.0 * where.saturation_min)
+        & (hsv[:, :, 2] >= 255.0 * where.value_min)
+    )
+    return result
+
+
+def same_colour(a: NDArray[np.uint8], b: NDArray[np.uint8], tolerance: float) -> bool:
+    """Whether two pieces, (N, 3) and (M, 3) RGB, have one chromaticity; the dark have none.
+
+    Chromaticity is (r, g) / (r + g + b) of the mean colour, which does not change with the
+    brightness of the light. Black pictures (a depth camera alone) say nothing: True.
+    """
+    mean_a, mean_b = a.mean(axis=0, dtype=np.float64), b.mean(axis=0, dtype=np.float64)
+    if mean_a.mean() < DARK or mean_b.mean() < DARK:
+        return True
+    difference = mean_a[:2] / mean_a.sum() - mean_b[:2] / mean_b.sum()
+    return bool(np.linalg.norm(difference) <= tolerance)
+
+
+def bounding_box(mask: NDArray[np.bool_]) -> tuple[int, int, int, int]:
+    """Half-open (x0, y0, x1, y1) of the true pixels; zeros if there are none."""
+    rows = np.flatnonzero(mask.any(axis=1))
+    if rows.size == 0:
+        return (0, 0, 0, 0)
+    columns = np.flatnonzero(mask[rows[0] : rows[-1] + 1].any(axis=0))
+    return (int(columns[0]), int(rows[0]), int(columns[-1]) + 1, int(rows[-1]) + 1)
+
+
+def centre(area: Foreground) -> tuple[float, float, float]:
+    """Mean column, mean row (working pixels) and mean depth (metres) of a usable foreground."""
+    rows = np.count_nonzero(area.mask, axis=1)
+    columns = np.count_nonzero(area.mask, axis=0)
+    u = float(columns @ np.arange(columns.size)) / area.area
+    v = float(rows @ np.arange(rows.size)) / area.area
+    return u, v, float(area.depth.sum(dtype=np.float64)) / area.area
+
+
+def anchor(area: Foreground) -> Float:
+    """(3,) world metres: the middle pixel of the foreground, back-projected at its mean depth.
+
+    Alignment moves the foreground to the middle of the picture; this is what it removed.
+    """
+    u, v, depth = centre(area)
+    view = area.view
+    h, w = area.mask.shape
+    # The ray between four pixels, bilinear: exact for a pinhole, smooth for a lens.
+    x, y = min(int(u), w - 2), min(int(v), h - 2)
+    fx, fy = u - x, v - y
+    d = view.directions[:, y : y + 2, x : x + 2].astype(np.float64)
+    ray = d @ np.array([1.0 - fx, fx])
+    ray = ray @ np.array([1.0 - fy, fy])
+    point: Float = view.camera.T_world_camera[:3, 3] + depth * ray
+    return point
+
+
+def _largest(area: NDArray[np.int32]) -> int:
+    return int(np.argmax(area)) if area.size > 1 else -1
+
+
+def _further_pieces(area: NDArray[np.int32], share: float) -> NDArray[np.intp]:
+    if area.size <= 2:
+        return np.zeros(0, np.intp)
+    main = _largest(area)
+    pieces: NDArray[np.intp] = np.flatnonzero(area >= share * area[main])
+    others: NDArray[np.intp] = pieces[pieces != main]
+    return others

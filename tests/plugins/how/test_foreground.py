@@ -1,0 +1,267 @@
+from __future__ import annotations
+
+import dataclasses
+import itertools
+
+import numpy as np
+import pytest
+from clothrf_how import foreground_kernels as kernels
+from clothrf_how.config import FeatureOptions, ForegroundOptions
+from clothrf_how.extractor import Extractor
+from clothrf_how.foreground import View, anchor, bounding_box, foreground, hue_mask
+
+from clothrf_core.camera_model import project
+from clothrf_core.rig import ForegroundSection
+
+
+@pytest.fixture
+def find(rig):
+    def run(frame, **options):
+        chosen = ForegroundOptions(**options)
+        view = View.of(frame.camera, 2 if chosen.halve else 1)
+        return foreground(frame, view, rig.foreground, chosen)
+
+    return run
+
+
+def _with(frame, depth, rgb=None):
+    return dataclasses.replace(frame, depth=depth, rgb=frame.rgb if rgb is None else rgb)
+
+
+def _truth(sheet):
+    return np.isfinite(sheet.depth)[::2, ::2]
+
+
+def _overlap(a, b):
+    return (a & b).sum() / (a | b).sum()
+
+
+def test_the_sheet_is_found(sheet, find):
+    area = find(sheet)
+
+    assert area.usable
+    assert _overlap(area.mask, _truth(sheet)) > 0.98
+    assert area.box == bounding_box(area.mask)
+
+
+def test_a_background_behind_the_cloth_is_not_cloth(sheet, find):
+    depth = np.where(np.isnan(sheet.depth), np.float32(0.85), sheet.depth)
+
+    assert _overlap(find(_with(sheet, depth)).mask, _truth(sheet)) > 0.98
+
+
+def test_an_arm_of_another_colour_in_front_is_not_cloth(sheet, find):
+    depth, rgb = np.array(sheet.depth), np.array(sheet.rgb)
+    depth[:, 250:330] = 0.30
+    rgb[:, 250:330] = (150, 150, 150)
+
+    mask = find(_with(sheet, depth, rgb)).mask
+
+    assert not mask[:, 127:163].any()
+    assert mask[:, :125].any()
+    assert mask[:, 168:].any()
+
+
+def test_cloth_on_both_sides_of_an_arm_is_kept(sheet, find):
+    depth, rgb = np.array(sheet.depth), np.array(sheet.rgb)
+    depth[:, 250:330] = 0.30
+    rgb[:, 250:330] = (150, 150, 150)
+
+    mask = find(_with(sheet, depth, rgb)).mask
+
+    truth = _truth(sheet)
+    truth[:, 125:165] = False
+    assert _overlap(mask, truth) > 0.95
+
+
+def test_a_finger_thin_thing_in_front_is_bridged(sheet, find):
+    depth = np.array(sheet.depth)
+    depth[150:300, 300:312] = 0.3
+
+    area = find(_with(sheet, depth))
+
+    assert area.mask[80:145, 150:156].all()
+    assert np.abs(area.depth[80:145, 152] - area.depth[80:145, 148]).max() < 0.01
+
+
+def test_small_holes_are_bridged_and_large_ones_are_not(sheet, find):
+    depth = np.array(sheet.depth)
+    depth[200:210, 300:310] = np.nan
+    depth[240:300, 300:360] = np.nan
+
+    mask = find(_with(sheet, depth)).mask
+
+    assert mask[100:105, 150:155].all()
+    assert not mask[130:140, 160:170].any()
+
+
+def test_a_slit_through_which_the_background_is_seen_is_not_bridged(sheet, find):
+    depth = np.array(sheet.depth)
+    depth[200:300, 300:310] = 0.80
+
+    assert not find(_with(sheet, depth)).mask[101:149, 151:154].any()
+
+
+def test_noise_and_flicker_do_not_change_the_mask_much(sheet, find):
+    rng = np.random.default_rng(0)
+    depth = sheet.depth + rng.normal(0, 2e-3, sheet.depth.shape).astype(np.float32)
+    depth[rng.random(depth.shape) < 0.1] = np.nan
+
+    assert _overlap(find(_with(sheet, depth)).mask, _truth(sheet)) > 0.96
+
+
+def test_hue_tells_cloth_from_a_hand_that_touches_it(rig, sheet):
+    depth, rgb = np.array(sheet.depth), np.array(sheet.rgb)
+    rgb[300:400, 100:200] = (200, 150, 120)
+    where = ForegroundSection(**{**rig.foreground.model_dump(), "hue": [150.0, 210.0]})
+    view = View.of(sheet.camera, 2)
+
+    area = foreground(_with(sheet, depth, rgb), view, where, ForegroundOptions(fill_gap=0))
+
+    assert not area.mask[151:199, 51:99].any()
+    assert area.usable
+
+
+def test_a_hue_range_wraps_around_red():
+    where = ForegroundSection(low=[0, 0, 0], high=[1, 1, 1], hue=[340.0, 20.0])
+    colours = np.array([[[200, 30, 30], [30, 200, 30], [200, 30, 60]]], np.uint8)
+
+    assert hue_mask(colours, where).tolist() == [[True, False, True]]
+
+
+def test_a_few_pixels_are_not_usable(sheet, find):
+    depth = np.full_like(sheet.depth, np.nan)
+    depth[200:206, 300:306] = 0.45
+
+    assert not find(_with(sheet, depth)).usable
+
+
+def test_a_cut_off_cloth_is_usable(sheet, find):
+    depth = np.array(sheet.depth)
+    depth[:, 160:] = np.nan
+
+    assert find(_with(sheet, depth)).usable
+
+
+def test_the_anchor_projects_onto_the_middle_of_the_mask(sheet, find):
+    area = find(sheet)
+
+    pixel, _ = project(sheet.camera, anchor(area)[None])
+
+    rows, columns = np.nonzero(area.mask)
+    middle = np.array([columns.mean(), rows.mean()]) * 2.0 + 0.5
+    np.testing.assert_allclose(pixel[0], middle, atol=0.05)
+
+
+def test_distortion_is_undone(rig, sheet, observe):
+    camera = dataclasses.replace(sheet.camera, distortion=np.array([0.1, -0.05, 0.001, 0.0]))
+    frame = dataclasses.replace(sheet, camera=camera)
+
+    view = View.of(camera, 1)
+
+    points = (view.origin[:, None] + 0.5 * view.directions[:, 100:400:50, 200]).T
+    pixels, _ = project(camera, points.astype(float))
+    np.testing.assert_allclose(pixels[:, 0], 200.0, atol=0.01)
+    np.testing.assert_allclose(pixels[:, 1], np.arange(100, 400, 50), atol=0.01)
+    assert Extractor(FeatureOptions(), rig).extract(observe(frame)).valid
+
+
+def test_the_compiled_block_reduction_equals_numpy(rig, sheet):
+    rng = np.random.default_rng(0)
+    depth = np.array(sheet.depth)
+    kind = rng.integers(0, 12, depth.shape)
+    for value, code in ((np.nan, 0), (0.0, 1), (np.inf, 2), (-1.0, 3), (0.1, 4), (2.0, 5)):
+        depth[kind == code] = value
+    where = rig.foreground
+    view = View.of(sheet.camera, 2)
+    low, high = np.array(where.low, np.float32), np.array(where.high, np.float32)
+
+    z, state = kernels.reduce_blocks(
+        depth, 2, where.depth_min, where.depth_max, view.directions, view.origin, low, high
+    )
+
+    want_z, want_state = _reduced(depth, where, view, low, high)
+    np.testing.assert_array_equal(state, want_state)
+    candidate = state == kernels.CANDIDATE
+    np.testing.assert_allclose(z[candidate], want_z[candidate], rtol=1e-6)
+    assert ((z > 0) == (state > 0)).all()
+
+
+def _reduced(depth, where, view, low, high):
+    h, w = depth.shape[0] // 2, depth.shape[1] // 2
+    block = depth.reshape(h, 2, w, 2).transpose(0, 2, 1, 3).reshape(h, w, 4)
+    near, far = np.float32(where.depth_min), np.float32(where.depth_max)
+    with np.errstate(invalid="ignore"):
+        inside = (block >= near) & (block <= far)
+        nearest = np.where(inside, block, np.inf).min(axis=2)
+        close = inside & (block <= nearest[..., None] + kernels.BLOCK)
+        outside = ((block > 0) & (block < np.inf) & ~inside).any(axis=2)
+    total = np.where(close, block, 0).sum(axis=2)
+    z = np.where(np.isinf(nearest), 0.0, total / np.maximum(close.sum(axis=2), 1))
+    point = view.origin[:, None, None] + z * view.directions
+    ok = ((point >= low[:, None, None]) & (point <= high[:, None, None])).all(axis=0)
+    state = np.where(np.isinf(nearest), np.where(outside, 2, 0), np.where(ok, 1, 2))
+    return z, state
+
+
+def test_the_compiled_surfaces_equal_a_flood_fill():
+    rng = np.random.default_rng(2)
+    h, w = 30, 40
+    z = (0.5 + 0.02 * rng.integers(0, 3, (h, w))).astype(np.float32)
+    state = (rng.random((h, w)) < 0.8).astype(np.uint8)
+
+    label, area = kernels.surfaces(z, state, 0.03)
+
+    want = np.zeros((h, w), int)
+    number = 0
+    for y in range(h):
+        for x in range(w):
+            if state[y, x] != 1 or want[y, x]:
+                continue
+            number += 1
+            want[y, x] = number
+            stack = [(y, x)]
+            while stack:
+                j, i = stack.pop()
+                for b, a in ((j - 1, i), (j + 1, i), (j, i - 1), (j, i + 1)):
+                    if (
+                        0 <= b < h
+                        and 0 <= a < w
+                        and state[b, a] == 1
+                        and not want[b, a]
+                        and abs(z[b, a] - z[j, i]) < np.float32(0.03)
+                    ):
+                        want[b, a] = number
+                        stack.append((b, a))
+    np.testing.assert_array_equal(label, want)
+    np.testing.assert_array_equal(area[1:], np.bincount(want.ravel())[1:])
+
+
+def test_the_compiled_bridge_equals_plain_python():
+    rng = np.random.default_rng(4)
+    mask = rng.random((25, 35)) < 0.5
+    z = np.where(mask, 0.5 + 0.01 * rng.random(mask.shape), 0.0).astype(np.float32)
+    behind = ~mask & (rng.random(mask.shape) < 0.2)
+    z[behind] = 0.9
+
+    full, depth = kernels.bridge(mask, z, 3, 0.02)
+
+    want, values = _bridged(mask, np.where(mask, z, 0), z)
+    turned, turned_values = _bridged(want.T, values.T, z.T)
+    np.testing.assert_array_equal(full, turned.T)
+    np.testing.assert_allclose(depth, turned_values.T, atol=1e-6)
+
+
+def _bridged(mask, depth, z, gap=3, jump=0.02):
+    full, values = mask.copy(), depth.astype(np.float32)
+    for y in range(mask.shape[0]):
+        inside = np.flatnonzero(mask[y])
+        for a, b in itertools.pairwise(inside):
+            if not 1 < b - a <= gap + 1:
+                continue
+            between = np.arange(a + 1, b)
+            line = np.interp(between, [a, b], [depth[y, a], depth[y, b]])
+            if abs(depth[y, b] - depth[y, a]) <= jump and (z[y, between] <= line + jump).all():
+                full[y, between] = True
+                values[y, between] = line
+    return full, values
