@@ -7,6 +7,7 @@ interpolation: a file can be read alone.
 
 from __future__ import annotations
 
+import re
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -118,7 +119,8 @@ def to_toml(resolved: Resolved) -> str:
         name: {"plugin": chosen.plugin, **chosen.options.model_dump(mode="json")}
         for name, chosen in resolved.tasks.items()
     }
-    return tomli_w.dumps(_without_none(tree))
+    text = tomli_w.dumps(_without_none(tree))
+    return re.sub(r"\[\s+([^\[\]]*?),?\s+\]", _one_line, text)
 
 
 def read_toml(path: Path) -> dict[str, Any]:
@@ -232,6 +234,11 @@ def _put(tree: dict[str, Any], path: list[str], value: Any) -> None:
     for part in path[:-1]:
         tree = tree.setdefault(part, {})
     tree[path[-1]] = value
+
+
+def _one_line(match: re.Match[str]) -> str:
+    """An array of numbers or words on one line."""
+    return "[" + ", ".join(part.strip() for part in match[1].split(",\n")) + "]"
 
 
 def _without_none(value: Any) -> Any:
