@@ -1,0 +1,194 @@
+"""From rows to a `Model`: scale, linear base, labels, trees, leaves, confidence, in this order."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clothrf_core.errors import DataError
+from clothrf_core.types import DatasetView, Float
+from clothrf_forest.binning import columns, edges, encoded
+from clothrf_forest.confidence import calibrated
+from clothrf_forest.config import ForestConfig
+from clothrf_forest.labels import label_actions
+from clothrf_forest.leaves import leaf_numbers, mean_leaves, out_of_bag
+from clothrf_forest.model import Model, flat_values
+from clothrf_forest.novelty import fit_novelty
+from clothrf_forest.ridge import fit_base, no_base, survey
+from clothrf_forest.trees import (
+    Grower,
+    Growth,
+    Problem,
+    flattened,
+    grow_all,
+    numba_grower,
+    samples,
+)
+
+EDGE_ROWS = 20_000
+NEVER = np.array([np.inf, np.inf])
+
+
+def fit_model(
+    view: DatasetView, config: ForestConfig, rng: np.random.Generator
+) -> tuple[Model, Mapping[str, float]]:
+    """Fit `config` on all rows of `view`; the model and what is worth plotting about it.
+
+    The rows are read in chunks and may be memory-mapped. The result depends on the rows, their
+    order, the settings and the generator, not on the number of threads.
+
+    Raises:
+        DataError: there are no rows, or numbers that are not finite.
+    """
+    n, tasks, grasps = view.labels.shape[:3]
+    if n == 0 or tasks == 0 or not view.names:
+        raise DataError(f"forest: expected rows to learn from, got {n} rows of {tasks} tasks")
+    targets = actions(view, anchored=config.target_frame == "anchor")
+    if not np.isfinite(targets).all():
+        raise DataError("forest: expected finite labels, got NaN or infinity in the data set")
+    seeds = rng.integers(2**62, size=6)
+    streams = [np.random.default_rng(int(s)) for s in seeds]
+    threads = config.threads or len(os.sched_getaffinity(0))
+    with one_blas_thread():
+        known = survey(view.features, targets, view.groups, streams[0])
+        if not np.isfinite(known.by.centre * known.by.scale).all():
+            raise DataError("forest: expected finite features, got NaN or infinity in the data set")
+        if config.base == "ridge":
+            base = fit_base(view.features, targets, known)
+        else:
+            base = no_base(targets, len(view.names))
+        novelty = fit_novelty(
+            view.features,
+            known,
+            components=config.confidence.components,
+            quantile=config.confidence.quantile,
+        )
+        residual = targets - base.held_out
+        labels = label_actions(residual, config.labels, streams[1])
+        offered = columns(len(view.names), config.pairs, streams[2])
+        some = _some_rows(n, streams[3])
+        cuts = edges(offered.of(np.asarray(view.features[some])))
+        problem = Problem(
+            codes=encoded(view.features, offered, cuts, threads=threads),
+            labels=labels.index,
+            num_labels=len(labels.centres) if config.topology == "entropy-labels" else 0,
+            targets=directions(residual),
+        )
+    growth = Growth(
+        max_depth=config.max_depth,
+        min_gain=float(config.min_impurity_decrease),
+        node_local=config.gain_mode == "node_local",
+        max_features=_tried(config, len(view.names)),
+        min_samples_leaf=config.min_samples_leaf,
+    )
+    tree_seeds = streams[4].integers(2**62, size=config.trees)
+    weights = samples(config.bootstrap, config.subsample, view.groups, tree_seeds)
+    grow = grower(config.engine)
+    # The fallback mutes a warning, which only one thread at a time may do.
+    side_by_side = threads if grow is numba_grower else 1
+    grown = grow_all(problem, weights, growth, tree_seeds, grow, threads=side_by_side)
+    trees = flattened(grown, offered, cuts)
+    leaf = leaf_numbers(grown)
+    leaves = mean_leaves(leaf, trees.num_leaves, weights, residual, tasks)
+    honest = out_of_bag(leaf, weights, leaves, tasks)
+    wrong = (residual[honest.rows] - honest.prediction).reshape(len(honest.rows), tasks, -1)
+    error = np.sqrt((wrong**2).mean(2))
+    model = Model(
+        names=view.names,
+        tasks=view.tasks,
+        num_grasps=grasps,
+        config=config.stored(),
+        trees=trees,
+        values=flat_values(leaves.values, tasks),
+        variance=np.ascontiguousarray(leaves.variance.T),
+        centre=known.by.centre,
+        scale=known.by.scale,
+        coef=flat_values(base.linear.coef.astype(np.float32), tasks),
+        intercept=base.linear.intercept.reshape(tasks, -1).copy(),
+        novelty=novelty if config.confidence.novelty else replace(novelty, limits=NEVER),
+        calibration=calibrated(honest.spread, error, config.confidence.tolerance),
+    )
+    metrics = {
+        "leaves": float(trees.num_leaves),
+        "leaves_per_tree": trees.num_leaves / config.trees,
+        "labels": float(len(labels.centres)),
+        "label_bandwidth_mm": 1e3 * labels.bandwidth,
+        **_error_metrics(wrong, view.tasks),
+    }
+    if config.base == "ridge":
+        metrics["base_held_out_rms_mm"] = 1e3 * float(np.sqrt((residual**2).mean()))
+    return model, metrics
+
+
+def actions(view: DatasetView, *, anchored: bool) -> Float:
+    """(N, T G 3) what is learnt: labels relative to each picture's anchor, or in the world."""
+    labels = view.labels - view.anchors[:, None, None, :] if anchored else view.labels
+    return np.ascontiguousarray(labels.reshape(len(labels), -1))
+
+
+def grower(engine: str) -> Grower:
+    """What grows a tree: the compiled kernel, or scikit-learn where there is no numba."""
+    if engine != "scikit-learn":
+        try:
+            import clothrf_forest.growth  # noqa: F401
+        except ImportError:
+            if engine == "numba":
+                raise
+        else:
+            return numba_grower
+    from clothrf_forest.reference import sklearn_grower
+
+    return sklearn_grower
+
+
+@contextlib.contextmanager
+def one_blas_thread() -> Iterator[None]:
+    """Linear algebra on one thread: sums split differently by each thread number."""
+    try:
+        from threadpoolctl import threadpool_limits
+    except ImportError:
+        yield
+        return
+    with threadpool_limits(limits=1, user_api="blas"):
+        yield
+
+
+def _some_rows(n: int, rng: np.random.Generator) -> NDArray[np.int64]:
+    """Rows that level edges are taken from, in order; all of them if they are few."""
+    rows = np.arange(n)
+    return rows if n <= EDGE_ROWS else np.sort(rng.choice(rows, EDGE_ROWS, replace=False))
+
+
+def directions(targets: Float, *, share: float = 0.999, most: int = 8) -> Float:
+    """(N, d) principal scores of the targets holding `share` of their variance, which becomes 1.
+
+    Reducing the variance of these few reduces that of all T G 3 targets.
+    """
+    centred = targets - targets.mean(0)
+    variance, axes = np.linalg.eigh(centred.T @ centred / len(centred))
+    variance, axes = variance[::-1], axes[:, ::-1]
+    held = np.cumsum(variance) / max(float(variance.sum()), 1e-30)
+    d = min(int(np.searchsorted(held, share)) + 1, most, len(variance))
+    unit = np.sqrt(max(float(variance[:d].sum()), 1e-30))
+    scores: Float = np.ascontiguousarray(centred @ axes[:, :d]) / unit
+    return scores
+
+
+def _tried(config: ForestConfig, num_features: int) -> int:
+    if config.max_features == "sqrt":
+        return max(1, round(float(np.sqrt(num_features + config.pairs))))
+    return min(config.max_features, num_features + config.pairs)
+
+
+def _error_metrics(wrong: Float, tasks: tuple[str, ...]) -> dict[str, float]:
+    if len(wrong) == 0:
+        return {}
+    result = {"oob_rms_mm": 1e3 * float(np.sqrt((wrong**2).mean()))}
+    for t, task in enumerate(tasks):
+        result[f"oob_rms_mm_{task}"] = 1e3 * float(np.sqrt((wrong[:, t] ** 2).mean()))
+    return result

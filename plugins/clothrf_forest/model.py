@@ -1,0 +1,59 @@
+"""A fitted forest: nothing but arrays, names and the settings that made them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from clothrf_core.types import Float, Float32
+from clothrf_forest.confidence import Calibration
+from clothrf_forest.novelty import Novelty
+from clothrf_forest.trees import Trees
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Model:
+    """All that acting needs.
+
+    Attributes:
+        names: F feature names.
+        tasks: T task names.
+        num_grasps: G.
+        config: `ForestConfig.stored()` of the fit.
+        trees: where the trees send a row.
+        values: (T, L, 3 G) float32 answer of every leaf, per task, m.
+        variance: (T, L) float32 spread of the leaf's rows, m^2.
+        centre: (F,) float32 mean of the features.
+        scale: (F,) float32 inverse standard deviation of the features.
+        coef: (T, F, 3 G) float32 linear base on standardised features.
+        intercept: (T, 3 G) float64, m.
+        novelty: what a picture like the trained ones looks like.
+        calibration: from spread to the chance of a small error.
+    """
+
+    names: tuple[str, ...]
+    tasks: tuple[str, ...]
+    num_grasps: int
+    config: Mapping[str, object]
+    trees: Trees
+    values: Float32
+    variance: Float32
+    centre: Float32
+    scale: Float32
+    coef: Float32
+    intercept: Float
+    novelty: Novelty
+    calibration: Calibration
+
+    @property
+    def anchored(self) -> bool:
+        """Answers are relative to the anchor of the picture."""
+        return self.config["target_frame"] == "anchor"
+
+
+def flat_values(values: Float32, tasks: int) -> Float32:
+    """(T, L, D / T) of (L, D) leaf answers, contiguous: a task reads only its own numbers."""
+    per_task = values.reshape(len(values), tasks, -1).transpose(1, 0, 2)
+    return np.ascontiguousarray(per_task)

@@ -1,0 +1,144 @@
+"""The forest as a `Policy`: fit on rows, act on one, kept as arrays."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Self
+
+import numpy as np
+from typing_extensions import override
+
+from clothrf_core.errors import DataError, FeatureMismatch, suggestion
+from clothrf_core.interfaces import Policy
+from clothrf_core.types import Action, DatasetView, Features, Float
+from clothrf_forest import storage
+from clothrf_forest.answer import Prepared, fastest, prepared
+from clothrf_forest.config import ForestConfig
+from clothrf_forest.fitting import fit_model
+from clothrf_forest.model import Model
+
+
+@dataclass(frozen=True, slots=True)
+class Estimate:
+    """An action and all that the forest knows about it.
+
+    Attributes:
+        targets: (G, 3) float64, world, m.
+        confidence: in [0, 1].
+        expected_error: RMS error per coordinate expected from out-of-bag rows, m.
+        spread: disagreement of trees and leaves, m.
+        novelty: how unlike the trained pictures this one is; about 1 for a known one.
+    """
+
+    targets: Float
+    confidence: float
+    expected_error: float
+    spread: float
+    novelty: float
+
+
+class Forest(Policy):
+    """Random forest controller of Jia et al., single-task and multi-task in one.
+
+    A picture that is not valid, or holds numbers that are not finite, is answered with
+    confidence 0.
+    """
+
+    def __init__(self, config: ForestConfig) -> None:
+        self.config = config
+        self._model: Model | None = None
+        self._prepared: dict[str, tuple[int, Prepared]] = {}
+        self._known: tuple[str, ...] = ()
+        self._answer = fastest()
+
+    @property
+    @override
+    def tasks(self) -> tuple[str, ...]:
+        return () if self._model is None else self._model.tasks
+
+    @property
+    def model(self) -> Model:
+        """The fitted arrays.
+
+        Raises:
+            DataError: nothing was fitted or loaded yet.
+        """
+        if self._model is None:
+            raise DataError("forest: it knows nothing yet; call fit or load first")
+        return self._model
+
+    @override
+    def fit(self, view: DatasetView, rng: np.random.Generator) -> Mapping[str, float]:
+        start = time.perf_counter()
+        model, metrics = fit_model(view, self.config, rng)
+        self._use(model)
+        return {**metrics, "fit_s": time.perf_counter() - start}
+
+    @override
+    def act(self, features: Features, task: str) -> Action:
+        found = self.estimate(features, task)
+        return Action(targets=found.targets, confidence=found.confidence)
+
+    def estimate(self, features: Features, task: str) -> Estimate:
+        """What `act` answers, with the numbers behind its confidence.
+
+        Raises:
+            FeatureMismatch: the features have other names than those it was fitted on.
+            DataError: the forest was not fitted, or not for this task.
+        """
+        model = self.model
+        if features.names is not self._known:
+            self._check_names(features.names)
+        known = self._prepared.get(task)
+        if known is None:
+            raise DataError(f"forest: not fitted for task '{task}'. {suggestion(task, self.tasks)}")
+        t, arrays = known
+        out = np.empty(arrays.intercept.size + 2)
+        self._answer(features.values, arrays, out)
+        targets = out[:-2].reshape(model.num_grasps, 3)
+        if model.anchored:
+            targets += features.anchor
+        spread, novelty = float(out[-2]), float(out[-1])
+        if not features.valid or not np.isfinite(out).all():
+            return Estimate(np.nan_to_num(targets), 0.0, np.inf, spread, novelty)
+        calibration = model.calibration
+        knots = calibration.spread[t]
+        low, high = model.novelty.limits
+        familiar = 1.0 if novelty <= low else max(0.0, (high - novelty) / (high - low))
+        return Estimate(
+            targets=targets,
+            confidence=familiar * float(np.interp(spread, knots, calibration.share[t])),
+            expected_error=float(np.interp(spread, knots, calibration.error[t])),
+            spread=spread,
+            novelty=novelty,
+        )
+
+    @override
+    def save(self, folder: Path) -> None:
+        storage.save(self.model, folder)
+
+    @override
+    def load(self, folder: Path) -> Self:
+        model = storage.load(folder)
+        loaded = type(self)(ForestConfig.model_validate(dict(model.config)))
+        loaded._use(model)
+        return loaded
+
+    def _use(self, model: Model) -> None:
+        self._model = model
+        self._prepared = {task: (t, prepared(model, t)) for t, task in enumerate(model.tasks)}
+        self._known = model.names
+
+    def _check_names(self, names: tuple[str, ...]) -> None:
+        wanted = self.model.names
+        if names != wanted:
+            differ = [a for a, b in zip(names, wanted, strict=False) if a != b]
+            first = f"; the first that differs is '{differ[0]}'" if differ else ""
+            raise FeatureMismatch(
+                f"forest: expected the {len(wanted)} features it was fitted on, got "
+                f"{len(names)}{first}. Use the feature extractor of the training run"
+            )
+        self._known = names

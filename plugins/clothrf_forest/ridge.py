@@ -1,0 +1,237 @@
+"""The linear base: one ridge regression on standardised features, chosen and scored by roll-outs.
+
+Its strength is the one with the least error on held-out roll-outs, and the residuals that the
+trees learn are those of models that did not see the row's roll-out: residuals of the final model
+on its own rows would be too small to learn from.
+
+Everything is computed from moments per fold, read in chunks: memory does not grow with rows.
+"""
+
+from __future__ import annotations
+
+import functools
+import operator
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cho_factor, cho_solve
+
+from clothrf_core.types import Float, Float32
+from clothrf_forest.binning import chunks
+
+FOLDS = 6
+STRENGTHS = tuple(10.0**e for e in (-4.0, -3.5, -3.0, -2.5, -2.0, -1.5, -1.0, -0.5, 0.0))
+
+
+@dataclass(frozen=True, slots=True)
+class Moments:
+    """Sums over some rows, of features shifted and scaled: enough for any linear model.
+
+    Attributes:
+        n: rows.
+        x: (F,) sum of features.
+        y: (D,) sum of targets.
+        xx: (F, F) sum of products of features.
+        xy: (F, D) sum of products of features and targets.
+        yy: (D,) sum of squared targets.
+    """
+
+    n: int
+    x: Float
+    y: Float
+    xx: Float
+    xy: Float
+    yy: Float
+
+    def __add__(self, other: Moments) -> Moments:
+        return self._with(other, 1)
+
+    def __sub__(self, other: Moments) -> Moments:
+        return self._with(other, -1)
+
+    def _with(self, other: Moments, sign: int) -> Moments:
+        return Moments(
+            n=self.n + sign * other.n,
+            x=self.x + sign * other.x,
+            y=self.y + sign * other.y,
+            xx=self.xx + sign * other.xx,
+            xy=self.xy + sign * other.xy,
+            yy=self.yy + sign * other.yy,
+        )
+
+    def covariance(self) -> Float:
+        """(F, F) covariance of the features."""
+        mean = self.x / self.n
+        return self.xx / self.n - np.outer(mean, mean)
+
+
+@dataclass(frozen=True, slots=True)
+class Linear:
+    """y = (x - centre) * scale @ coef + intercept.
+
+    Attributes:
+        coef: (F, D) float64.
+        intercept: (D,) float64.
+    """
+
+    coef: Float
+    intercept: Float
+
+
+@dataclass(frozen=True, slots=True)
+class Scaling:
+    """Standardisation of features.
+
+    Attributes:
+        centre: (F,) float32 mean.
+        scale: (F,) float32 inverse standard deviation; 0 for a constant feature.
+    """
+
+    centre: Float32
+    scale: Float32
+
+    def of(self, values: Float32) -> Float:
+        """(n, F) float64 standardised rows."""
+        return ((values - self.centre) * self.scale).astype(np.float64)
+
+
+def scaling(values: Float32) -> Scaling:
+    """Mean and spread of (N, F) features, read in chunks."""
+    n = len(values)
+    total = np.zeros(values.shape[1])
+    for rows in chunks(n):
+        total += np.asarray(values[rows], np.float64).sum(0)
+    mean = total / n
+    square = np.zeros(values.shape[1])
+    for rows in chunks(n):
+        square += ((np.asarray(values[rows], np.float64) - mean) ** 2).sum(0)
+    std = np.sqrt(square / n)
+    known = std > 1e-6 * (np.abs(mean) + 1e-6)
+    scale = np.where(known, 1.0 / np.where(known, std, 1.0), 0.0)
+    return Scaling(mean.astype(np.float32), scale.astype(np.float32))
+
+
+@dataclass(frozen=True, slots=True)
+class Survey:
+    """What two passes over the rows tell: enough for every linear part of the model.
+
+    Attributes:
+        by: how features are standardised.
+        fold: (N,) int64 fold of each row; a roll-out lies in one fold.
+        parts: moments of each fold.
+    """
+
+    by: Scaling
+    fold: NDArray[np.int64]
+    parts: tuple[Moments, ...]
+
+    def whole(self) -> Moments:
+        """Moments of all rows."""
+        return added(self.parts)
+
+
+def added(parts: Sequence[Moments]) -> Moments:
+    """Moments of all rows behind `parts`."""
+    return functools.reduce(operator.add, parts)
+
+
+def survey(
+    values: Float32, targets: Float, groups: NDArray[np.int64], rng: np.random.Generator
+) -> Survey:
+    """Read (N, F) features in chunks; they may be memory-mapped."""
+    by = scaling(values)
+    fold = fold_of(groups, FOLDS, rng)
+    return Survey(by, fold, tuple(moments(values, targets, fold, by)))
+
+
+def fold_of(groups: NDArray[np.int64], folds: int, rng: np.random.Generator) -> NDArray[np.int64]:
+    """(N,) fold of each row; a roll-out lies in one fold. Too few roll-outs: blocks of rows."""
+    distinct, member = np.unique(groups, return_inverse=True)
+    if len(distinct) < folds:
+        return np.arange(len(groups)) * folds // max(len(groups), 1)
+    order = rng.permutation(len(distinct)) % folds
+    result: NDArray[np.int64] = order[member]
+    return result
+
+
+def moments(values: Float32, targets: Float, fold: NDArray[np.int64], by: Scaling) -> list[Moments]:
+    """`Moments` of every fold, in one pass over the rows."""
+    folds = FOLDS
+    f, d = values.shape[1], targets.shape[1]
+    result = [
+        Moments(0, np.zeros(f), np.zeros(d), np.zeros((f, f)), np.zeros((f, d)), np.zeros(d))
+        for _ in range(folds)
+    ]
+    for rows in chunks(len(values)):
+        x = by.of(np.asarray(values[rows]))
+        y = targets[rows]
+        for k in range(folds):
+            mine = fold[rows] == k
+            a, b = x[mine], y[mine]
+            part = Moments(len(a), a.sum(0), b.sum(0), a.T @ a, a.T @ b, (b * b).sum(0))
+            result[k] = result[k] + part
+    return result
+
+
+def solve(of: Moments, strength: float) -> Linear:
+    """Ridge regression with penalty `strength` times the number of rows."""
+    mean_x, mean_y = of.x / of.n, of.y / of.n
+    cov = of.covariance()
+    cov[np.diag_indices_from(cov)] += strength
+    cross = of.xy / of.n - np.outer(mean_x, mean_y)
+    coef = cho_solve(cho_factor(cov, lower=True, overwrite_a=True), cross)
+    return Linear(coef, mean_y - mean_x @ coef)
+
+
+def squared_error(of: Moments, model: Linear) -> float:
+    """Sum of squared errors of `model` on the rows behind `of`."""
+    w, b = model.coef, model.intercept
+    fit = (w * (of.xx @ w)).sum() + 2.0 * b @ (of.x @ w) + of.n * (b @ b)
+    return float(of.yy.sum() - 2.0 * ((of.xy * w).sum() + of.y @ b) + fit)
+
+
+@dataclass(frozen=True, slots=True)
+class Base:
+    """The fitted linear part.
+
+    Attributes:
+        linear: fitted on all rows.
+        held_out: (N, D) prediction of each row by a model that did not see its roll-out.
+        strength: the penalty that was chosen.
+    """
+
+    linear: Linear
+    held_out: Float
+    strength: float
+
+
+def fit_base(values: Float32, targets: Float, known: Survey) -> Base:
+    """Choose the penalty by held-out folds, predict every row held out, and fit on all rows."""
+    whole = known.whole()
+    used = [k for k, part in enumerate(known.parts) if 0 < part.n < whole.n]
+    if len(used) < 2:
+        linear = Linear(np.zeros((values.shape[1], targets.shape[1])), whole.y / whole.n)
+        return Base(linear, np.broadcast_to(linear.intercept, targets.shape).copy(), np.inf)
+    best, strength, chosen = np.inf, STRENGTHS[-1], list[Linear]()
+    for candidate in reversed(STRENGTHS):
+        models = [solve(whole - known.parts[k], candidate) for k in used]
+        error = sum(squared_error(known.parts[k], m) for k, m in zip(used, models, strict=True))
+        if error < best:
+            best, strength, chosen = error, candidate, models
+        elif error > 1.02 * best:
+            break
+    held_out = np.empty_like(targets)
+    for rows in chunks(len(values)):
+        x = known.by.of(np.asarray(values[rows]))
+        for k, model in zip(used, chosen, strict=True):
+            mine = known.fold[rows] == k
+            held_out[rows][mine] = x[mine] @ model.coef + model.intercept
+    return Base(solve(whole, strength), held_out, strength)
+
+
+def no_base(targets: Float, num_features: int) -> Base:
+    """The base that is zero everywhere: the trees learn the targets themselves."""
+    d = targets.shape[1]
+    return Base(Linear(np.zeros((num_features, d)), np.zeros(d)), np.zeros_like(targets), np.inf)
