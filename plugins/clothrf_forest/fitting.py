@@ -96,7 +96,7 @@ def fit_model(
     leaf = leaf_numbers(grown)
     leaves = mean_leaves(leaf, trees.num_leaves, weights, residual, tasks)
     honest = out_of_bag(leaf, weights, leaves, tasks)
-    wrong = (residual[honest.rows] - honest.prediction).reshape(len(honest.rows), tasks, -1)
+    wrong = (residual[honest.rows] - honest.prediction).reshape(len(honest.rows), tasks, 3 * grasps)
     error = np.sqrt((wrong**2).mean(2))
     model = Model(
         names=view.names,

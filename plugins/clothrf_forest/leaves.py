@@ -59,7 +59,7 @@ def mean_leaves(
             square[low:high, j] += np.bincount(index, w * y * y, high - low)
     mean = total / np.maximum(count, 1.0)[:, None]
     variance = np.maximum(square / np.maximum(count, 1.0)[:, None] - mean**2, 0.0)
-    per_task = variance.reshape(num_leaves, tasks, -1).mean(2)
+    per_task = variance.reshape(num_leaves, tasks, d // tasks).mean(2)
     return Leaves(mean.astype(np.float32), per_task.astype(np.float32))
 
 
@@ -94,11 +94,11 @@ def out_of_bag(
         value = leaves.values[leaf[k, out]].astype(float)
         count[out] += 1
         total[out] += value
-        square[out] += (value**2).reshape(len(out), tasks, -1).mean(2)
+        square[out] += (value**2).reshape(len(out), tasks, d // tasks).mean(2)
         within[out] += leaves.variance[leaf[k, out]]
     rows = np.flatnonzero(count >= min(3, num_trees))
     c = count[rows, None]
     mean = total[rows] / c
-    between = square[rows] / c - (mean**2).reshape(len(rows), tasks, -1).mean(2)
+    between = square[rows] / c - (mean**2).reshape(len(rows), tasks, d // tasks).mean(2)
     spread = np.sqrt(np.maximum(between, 0.0) + within[rows] / c)
     return OutOfBag(rows, mean, spread)
