@@ -1,0 +1,101 @@
+"""The state of N cloths of one topology, and the call that moves them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clothrf_core.errors import ConfigError
+from clothrf_core.types import Float
+from clothrf_sapien.banded import band_shape
+from clothrf_sapien.newton import Effort, advance
+from clothrf_sapien.weave import Weave, neighbours
+
+
+class Cloths:
+    """N cloths that share rows, columns and pinned vertices; each has its own fabric and size.
+
+    Any set of vertices can be pinned: the four corners in a `Simulator`, whole edges in tests.
+
+    Attributes:
+        x: (N, V, 3) float64 positions, metres, world.
+        v: (N, V, 3) float64 velocities, metres a second.
+        count: N.
+    """
+
+    def __init__(self, weaves: Sequence[Weave], vertices: Float, pins: NDArray[np.int64]) -> None:
+        shapes = {(w.rows, w.columns) for w in weaves}
+        if len(shapes) != 1:
+            raise ConfigError(
+                f"cloths: expected one resolution for all cloths of a batch, got {sorted(shapes)}"
+            )
+        self.count = len(weaves)
+        self.x = np.array(vertices, dtype=np.float64)
+        self.v = np.zeros_like(self.x)
+        self._pins = np.array(pins, dtype=np.int64)
+        self._columns = weaves[0].columns
+        self._ends = neighbours(self._columns)
+        self._half_width = 3 * (max(self._columns, 2) + 1) + 2
+        self._sheets = tuple(
+            np.stack([getattr(w, name) for w in weaves])
+            for name in ("springs", "lengths", "limits", "bending", "mass")
+        )
+        self._numbers = np.stack([w.numbers for w in weaves])
+        self._bands = [self._band()]
+
+    def _band(self) -> NDArray[np.float32]:
+        return np.zeros(band_shape(3 * self.x.shape[1], self._half_width), np.float32)
+
+    def advance(
+        self,
+        targets: Float,
+        dt: float,
+        *,
+        substeps: int,
+        iterations: int,
+        tolerance: float,
+        extra_drag: float = 0.0,
+        only: Sequence[int] | None = None,
+        threads: int = 1,
+    ) -> int:
+        """Move the pinned vertices to (N, P, 3) `targets` within `dt` seconds.
+
+        Args:
+            targets: (N, P, 3) float64, world.
+            dt: seconds.
+            substeps: implicit Euler steps.
+            iterations: most Newton iterations a substep.
+            tolerance: m; Newton stops when its longest move is shorter.
+            extra_drag: added to every cloth's drag, 1/s.
+            only: the cloths to move; all if None.
+            threads: that share the cloths.
+
+        Returns:
+            Newton iterations done.
+        """
+        effort = Effort(substeps, iterations, tolerance, self._half_width)
+        chosen = list(range(self.count)) if only is None else list(only)
+        parts = [p for p in np.array_split(np.array(chosen, int), max(threads, 1)) if len(p)]
+        while len(self._bands) < len(parts):
+            self._bands.append(self._band())
+
+        def work(part: NDArray[np.int64], band: NDArray[np.float32]) -> int:
+            pick = slice(int(part[0]), int(part[-1]) + 1)
+            whole = len(part) == pick.stop - pick.start
+            where = pick if whole else part
+            x, v = self.x[where], self.v[where]
+            numbers = self._numbers[where] + np.array([0.0, extra_drag, 0.0])
+            sheets = (*(array[where] for array in self._sheets), numbers)
+            goals, topology = targets[where], (self._ends, self._columns)
+            done = advance(x, v, self._pins, goals, sheets, *topology, dt, effort, band)
+            if not whole:
+                self.x[where], self.v[where] = x, v
+            return int(done)
+
+        if len(parts) == 1:
+            return work(parts[0], self._bands[0])
+        with ThreadPoolExecutor(len(parts)) as pool:
+            return sum(pool.map(work, parts, self._bands))

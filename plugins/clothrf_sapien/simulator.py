@@ -1,0 +1,197 @@
+"""The `Simulator`: cloth held by four corners, one or many at a time."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from typing_extensions import override
+
+from clothrf_core.errors import ClothrfError, ConfigError, ShapeError
+from clothrf_core.interfaces import Simulator
+from clothrf_core.params import SimulationParams
+from clothrf_core.types import ClothMesh, ClothState, Float
+from clothrf_sapien.cloth import Cloths
+from clothrf_sapien.config import ClothOptions
+from clothrf_sapien.starting import hung
+from clothrf_sapien.weave import Weave, weave
+
+REACH = 1e-3
+"""Relative excess of a corner distance over the cloth's own that still counts as reachable."""
+SETTLE_STEP = 1.0 / 30.0
+SETTLE_DRAG = 10.0
+JITTER = 1e-5
+
+
+class ClothBatch:
+    """N cloths of one resolution, stepped by one call; each as if it were alone, bit for bit."""
+
+    def __init__(self, options: ClothOptions) -> None:
+        self._options = options
+        self._cloths: Cloths | None = None
+        self._weaves: list[Weave] = []
+        self._times = np.zeros(0)
+
+    def reset(
+        self, rngs: Sequence[np.random.Generator], params: Sequence[SimulationParams]
+    ) -> list[ClothState]:
+        """Hang N cloths and let them settle; one generator and one set of params each.
+
+        Raises:
+            ConfigError: the resolutions differ, or a number is out of range.
+        """
+        if len(rngs) != len(params) or not params:
+            raise ConfigError(
+                f"cloths: expected one generator for each of N >= 1 params, got {len(rngs)} "
+                f"generators and {len(params)} params"
+            )
+        o = self._options
+        weaves = [weave(p, strain_limit=o.strain_limit, taut=o.taut) for p in params]
+        corners = np.stack([np.concatenate([p.hands, p.grasp]) for p in params])
+        vertices = np.stack(
+            [_start(w, c, rng) for w, c, rng in zip(weaves, corners, rngs, strict=True)]
+        )
+        self._weaves = weaves
+        self._cloths = Cloths(weaves, vertices, weaves[0].mesh.corners.astype(np.int64))
+        self._settle(corners, [p.settle_s for p in params])
+        self._times = np.zeros(len(params))
+        return self._states()
+
+    def step_many(
+        self, grasp_targets: Float, hands: Float, dt: float, *, threads: int = 1
+    ) -> list[ClothState]:
+        """Move the corners of all cloths linearly over `dt` seconds.
+
+        Args:
+            grasp_targets: (N, 2, 3) float64, world.
+            hands: (N, 2, 3) float64, world.
+            dt: seconds.
+            threads: Python threads that share the cloths; the result does not depend on it.
+
+        Raises:
+            ClothrfError: `reset` has not been called.
+            ShapeError: wrong shapes, numbers that are not finite, or ``dt <= 0``.
+        """
+        cloths = self._ready()
+        corners = np.concatenate(
+            [
+                _corners("hands", hands, cloths.count),
+                _corners("grasp", grasp_targets, cloths.count),
+            ],
+            axis=1,
+        )
+        if not (np.isfinite(dt) and dt > 0.0):
+            raise ShapeError(f"step: expected dt > 0 seconds, got {dt}")
+        o = self._options
+        cloths.advance(
+            corners,
+            dt,
+            substeps=o.substeps,
+            iterations=o.iterations,
+            tolerance=o.tolerance,
+            threads=threads,
+        )
+        self._times = self._times + dt
+        return self._states()
+
+    def mesh(self) -> ClothMesh:
+        """Topology of the first cloth."""
+        self._ready()
+        return self._weaves[0].mesh
+
+    def _ready(self) -> Cloths:
+        if self._cloths is None:
+            raise ClothrfError("cloth: expected reset() before this call; call reset() first")
+        return self._cloths
+
+    def _settle(self, corners: Float, seconds: list[float]) -> None:
+        """Let the cloths hang with fixed corners in thick air."""
+        cloths = self._ready()
+        o = self._options
+        longest = max(seconds)
+        for i in range(int(np.ceil(longest / SETTLE_STEP - 1e-9))):
+            part = [k for k, s in enumerate(seconds) if s > i * SETTLE_STEP + 1e-9]
+            cloths.advance(
+                corners,
+                SETTLE_STEP,
+                substeps=o.substeps,
+                iterations=o.iterations,
+                tolerance=o.tolerance,
+                extra_drag=SETTLE_DRAG,
+                only=part,
+            )
+
+    def _states(self) -> list[ClothState]:
+        cloths = self._ready()
+        return [
+            _state(cloths.x[i].copy(), cloths.v[i].copy(), w, float(t))
+            for i, (w, t) in enumerate(zip(self._weaves, self._times, strict=True))
+        ]
+
+
+class ClothSimulator(Simulator):
+    """One cloth: a `ClothBatch` of one."""
+
+    def __init__(self, options: ClothOptions) -> None:
+        self._batch = ClothBatch(options)
+
+    @override
+    def reset(self, rng: np.random.Generator, params: SimulationParams) -> ClothState:
+        return self._batch.reset([rng], [params])[0]
+
+    @override
+    def step(self, grasp_targets: Float, hands: Float, dt: float) -> ClothState:
+        return self._batch.step_many(
+            np.asarray(grasp_targets, float)[None], np.asarray(hands, float)[None], dt
+        )[0]
+
+    @override
+    def mesh(self) -> ClothMesh:
+        return self._batch.mesh()
+
+
+def reachable(corners: Float, size: tuple[float, float]) -> bool:
+    """Whether a flat cloth of `size` metres can have its corners there without stretching.
+
+    A map of four points that lengthens no distance extends to the whole sheet without lengthening
+    any (Kirszbraun 1934), and a short map is as near as one likes to an unstretched one (Nash
+    1954), so the six corner distances decide.
+
+    Args:
+        corners: (4, 3) hand 0, hand 1, grasp 0, grasp 1.
+        size: along u and v.
+    """
+    flat = np.array([[0.0, 0.0], [size[0], 0.0], [0.0, size[1]], [size[0], size[1]]])
+    wanted = np.linalg.norm(corners[:, None] - corners[None], axis=-1)
+    own = np.linalg.norm(flat[:, None] - flat[None], axis=-1)
+    return bool(np.all(wanted <= own * (1.0 + REACH)))
+
+
+def _start(w: Weave, corners: Float, rng: np.random.Generator) -> Float:
+    shape = hung(w.mesh.rest, corners)
+    shape += rng.normal(scale=JITTER, size=shape.shape)
+    shape[w.mesh.corners] = corners
+    return shape
+
+
+def _corners(name: str, points: Float, count: int) -> Float:
+    points = np.asarray(points, float)
+    if points.shape != (count, 2, 3) or not np.isfinite(points).all():
+        raise ShapeError(
+            f"step: expected finite {name} of shape ({count}, 2, 3), got shape {points.shape}"
+            + ("" if np.isfinite(points).all() else " with NaN or infinity")
+        )
+    return points
+
+
+def _state(x: Float, v: Float, w: Weave, time_s: float) -> ClothState:
+    corners = x[w.mesh.corners]
+    size = w.mesh.rest.max(axis=0)
+    return ClothState(
+        vertices=x,
+        velocities=v,
+        hands=corners[:2].copy(),
+        grasp=corners[2:].copy(),
+        feasible=reachable(corners, (float(size[0]), float(size[1]))),
+        time_s=time_s,
+    )
