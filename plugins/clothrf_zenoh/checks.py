@@ -1,0 +1,323 @@
+"""What may ever reach the arms, as pure functions: each gives a `Refusal` or None.
+
+Order of a command's life: `check_sender` (is it the armed client's, in order, fresh?), then
+`check_command` (does it say something these arms may do?), then Ruckig turns it into an output, and
+`check_output` decides whether that output may leave. Comparisons are written so that NaN fails.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+
+from clothrf_core.types import Float
+from clothrf_zenoh.attachment import Attachment
+from clothrf_zenoh.messages import JointTrajectory, epoch_frame
+
+
+class Reason(StrEnum):
+    """Why something was refused; the names under which the bridge counts and publishes."""
+
+    # Not the armed client's business: ignored, so that nobody else can stop the arms with it.
+    NOT_ARMED = "not_armed"
+    FOREIGN = "foreign_publisher"
+    EPOCH = "wrong_epoch"
+    SEQUENCE = "old_sequence"
+    STALE = "stale_stamp"
+    FUTURE = "future_stamp"
+    ATTACHMENT = "bad_attachment"
+    # The armed client's, but wrong: the arms stop at once.
+    MALFORMED = "malformed"
+    NOT_FINITE = "not_finite"
+    JOINT = "joint_limit"
+    VELOCITY = "velocity"
+    ACCELERATION = "acceleration"
+    JUMP = "jump"
+    START = "far_from_posture"
+    TCP_SPEED = "tcp_speed"
+    TCP_BOX = "tcp_box"
+    CLEARANCE = "clearance"
+    # Nobody's command: why the arms were stopped.
+    WATCHDOG = "watchdog"
+    LEASE = "lease"
+    GAP = "loop_gap"
+    FOLLOWING = "following_error"
+    INTERNAL = "internal"
+
+
+IGNORED = frozenset(
+    {
+        Reason.NOT_ARMED,
+        Reason.FOREIGN,
+        Reason.EPOCH,
+        Reason.SEQUENCE,
+        Reason.STALE,
+        Reason.FUTURE,
+        Reason.ATTACHMENT,
+    }
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Refusal:
+    """Why something may not happen.
+
+    Attributes:
+        reason: what it is counted as.
+        field: which number.
+        expected: what would have been allowed.
+        found: what was there.
+    """
+
+    reason: Reason
+    field: str
+    expected: str
+    found: str
+
+    def __str__(self) -> str:
+        return f"{self.field}: expected {self.expected}, found {self.found} ({self.reason})"
+
+    @property
+    def halts(self) -> bool:
+        """The arms must stop because of it."""
+        return self.reason not in IGNORED
+
+
+@dataclass(frozen=True, slots=True)
+class Instant:
+    """One moment on two clocks: monotonic for durations, wall for other machines' stamps."""
+
+    mono_ns: int
+    wall_ns: int
+
+
+@dataclass(frozen=True, slots=True)
+class Grant:
+    """Who holds the arms.
+
+    Attributes:
+        gid: 16-byte id of the armed publisher.
+        epoch: number of this grant; its commands carry it.
+        offset_ns: this machine's wall clock minus the client's, at arming.
+    """
+
+    gid: bytes
+    epoch: int
+    offset_ns: int
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Bounds:
+    """Everything that is compared against; arrays are (J,) float64 in joint order.
+
+    Attributes:
+        names: J joint names.
+        lower: soft limit, rad.
+        upper: soft limit, rad.
+        velocity: rad/s.
+        acceleration: rad/s^2.
+        jerk: rad/s^3.
+        dt: period of the loop, s.
+        tcp_speed: of each gripper, m/s; above it the arms stop.
+        tcp_speed_hard: never sent, m/s.
+        box_low: (3,) corner of the grippers' box, world, m.
+        box_high: (3,) opposite corner, m.
+        clearance: least distance of any pair that is ever sent, m.
+        clearance_ahead: the same for the posture where the arms could stop, m.
+        max_age_ns: oldest stamp.
+        max_future_ns: farthest stamp ahead.
+        start_joint: first command's distance from the present posture, rad.
+        start_tcp: the same at the grippers, m.
+        following: greatest distance between sent and measured posture, rad.
+    """
+
+    names: tuple[str, ...]
+    lower: Float
+    upper: Float
+    velocity: Float
+    acceleration: Float
+    jerk: Float
+    dt: float
+    tcp_speed: float
+    tcp_speed_hard: float
+    box_low: Float
+    box_high: Float
+    clearance: float
+    clearance_ahead: float
+    max_age_ns: int
+    max_future_ns: int
+    start_joint: float
+    start_tcp: float
+    following: float
+
+
+def check_sender(
+    attachment: Attachment, grant: Grant | None, last_sequence: int, now: Instant, bounds: Bounds
+) -> Refusal | None:
+    """Is this the armed publisher's next command, neither old nor from the future?"""
+    if grant is None:
+        return Refusal(Reason.NOT_ARMED, "publisher", "nobody while not armed", "a command")
+    if attachment.gid != grant.gid:
+        return Refusal(Reason.FOREIGN, "gid", grant.gid.hex(), attachment.gid.hex())
+    if attachment.sequence <= last_sequence:
+        return Refusal(
+            Reason.SEQUENCE, "sequence", f"more than {last_sequence}", str(attachment.sequence)
+        )
+    age = now.wall_ns - (attachment.stamp_ns + grant.offset_ns)
+    if age > bounds.max_age_ns:
+        return Refusal(
+            Reason.STALE, "stamp", f"at most {bounds.max_age_ns / 1e6:g} ms old", f"{age / 1e6:g}"
+        )
+    if age < -bounds.max_future_ns:
+        limit = bounds.max_future_ns / 1e6
+        return Refusal(Reason.FUTURE, "stamp", f"at most {limit:g} ms ahead", f"{-age / 1e6:g}")
+    return None
+
+
+def check_command(
+    command: JointTrajectory,
+    grant: Grant,
+    before: Float,
+    elapsed_s: float,
+    bounds: Bounds,
+) -> Refusal | None:
+    """May these arms be asked for this posture and speed?
+
+    Args:
+        command: decoded, so names and lengths are right.
+        grant: whose command it is.
+        before: (J,) the posture commanded before, rad.
+        elapsed_s: time between the two commands' stamps.
+        bounds: what is allowed.
+    """
+    if command.frame_id != epoch_frame(grant.epoch):
+        return Refusal(Reason.EPOCH, "frame_id", epoch_frame(grant.epoch), command.frame_id)
+    q, qd = command.positions, command.velocities
+    refusal = within("position", q, bounds.lower, bounds.upper, bounds.names, Reason.JOINT)
+    if refusal is None:
+        refusal = below("velocity", qd, bounds.velocity, bounds.names, Reason.VELOCITY)
+    if refusal is None:
+        # Two ticks of slack: stamps of a paced stream jitter, its positions do not.
+        reach = bounds.velocity * (max(elapsed_s, 0.0) + 2.0 * bounds.dt)
+        refusal = below("step", q - before, reach, bounds.names, Reason.JUMP)
+    return refusal
+
+
+def check_start(
+    q: Float, points: Float, present: Float, present_points: Float, bounds: Bounds
+) -> Refusal | None:
+    """Does the first command of a grant begin where the arms are?
+
+    Args:
+        q: (J,) commanded posture.
+        points: (2, 3) grippers there.
+        present: (J,) present output.
+        present_points: (2, 3) grippers there.
+        bounds: what is allowed.
+    """
+    reach = np.full(len(q), bounds.start_joint)
+    refusal = below("start", q - present, reach, bounds.names, Reason.START)
+    if refusal is not None:
+        return refusal
+    far = float(np.linalg.norm(points - present_points, axis=1).max())
+    if not far <= bounds.start_tcp:
+        limit = f"a gripper within {bounds.start_tcp:g} m"
+        return Refusal(Reason.START, "start", limit, f"{far:.3f} m")
+    return None
+
+
+def check_motion(
+    before: tuple[Float, Float], q: Float, qd: Float, qdd: Float, bounds: Bounds
+) -> Refusal | None:
+    """Is this output a motion that the joints can do? The numbers themselves and their steps."""
+    refusal = within("output", q, bounds.lower, bounds.upper, bounds.names, Reason.JOINT)
+    if refusal is None:
+        refusal = below("speed", qd, bounds.velocity, bounds.names, Reason.VELOCITY)
+    if refusal is None:
+        refusal = below("step", q - before[0], bounds.velocity * bounds.dt, bounds.names, None)
+    if refusal is None:
+        refusal = below("acceleration", qdd, bounds.acceleration, bounds.names, Reason.ACCELERATION)
+    if refusal is None:
+        refusal = below(
+            "speed step",
+            qd - before[1],
+            bounds.acceleration * bounds.dt,
+            bounds.names,
+            Reason.ACCELERATION,
+        )
+    return refusal
+
+
+def check_grippers(
+    points: Float, points_before: Float, speed_limit: float, bounds: Bounds
+) -> Refusal | None:
+    """Are both grippers inside their box and slow enough over the last tick?"""
+    if not ((points >= bounds.box_low) & (points <= bounds.box_high)).all():
+        inside = f"inside {bounds.box_low.tolist()} to {bounds.box_high.tolist()} m"
+        return Refusal(Reason.TCP_BOX, "gripper", inside, str(points.round(4).tolist()))
+    step = points - points_before
+    fastest = float(np.sqrt(np.einsum("ij,ij->i", step, step).max())) / bounds.dt
+    if not fastest <= speed_limit:
+        limit = f"at most {speed_limit:g} m/s"
+        return Refusal(Reason.TCP_SPEED, "gripper speed", limit, f"{fastest:.3f}")
+    return None
+
+
+def check_clearance(found: tuple[float, str], least: float) -> Refusal | None:
+    """Are all bodies far enough apart?"""
+    distance, pair = found
+    if not distance >= least:
+        limit = f"at least {1e3 * least:g} mm"
+        return Refusal(Reason.CLEARANCE, f"clearance {pair}", limit, f"{1e3 * distance:.1f} mm")
+    return None
+
+
+def check_following(measured: Float, sent: Float, bounds: Bounds) -> Refusal | None:
+    """Are the arms where they were sent?"""
+    reach = np.full(len(sent), bounds.following)
+    return below("measured - sent", measured - sent, reach, bounds.names, Reason.FOLLOWING)
+
+
+def stopping_point(q: Float, qd: Float, qdd: Float | None, bounds: Bounds) -> Float:
+    """(J,) where each joint comes to rest if it stops as fast as it may.
+
+    Symmetric S-curve from speed v: T = v/a + a/j when v > a^2/j, else 2 sqrt(v/j); distance v T/2.
+    A joint still gaining speed first takes |qdd|/j to let go of its acceleration.
+    """
+    a, j = bounds.acceleration, bounds.jerk
+    v = np.abs(qd)
+    if qdd is None:
+        duration = np.where(v * j > a * a, v / a + a / j, 2.0 * np.sqrt(v / j))
+        return q + qd * (0.5 * duration)
+    release = np.maximum(np.sign(qd) * qdd, 0.0) / j
+    v += 0.5 * j * release * release
+    duration = np.where(v * j > a * a, v / a + a / j, 2.0 * np.sqrt(v / j))
+    return q + np.sign(qd) * v * (release + 0.5 * duration)
+
+
+def within(
+    field: str, values: Float, low: Float, high: Float, names: tuple[str, ...], reason: Reason
+) -> Refusal | None:
+    """Every value in its closed interval; NaN is outside."""
+    good = (values >= low) & (values <= high)
+    if good.all():
+        return None
+    i = int(np.argmin(good))
+    bad = float(values[i])
+    why = reason if np.isfinite(bad) else Reason.NOT_FINITE
+    return Refusal(why, f"{field} {names[i]}", f"{low[i]:.4f} to {high[i]:.4f}", f"{bad:.4f}")
+
+
+def below(
+    field: str, values: Float, limit: Float, names: tuple[str, ...], reason: Reason | None
+) -> Refusal | None:
+    """Every magnitude at most its limit, to 1e-9 of rounding; NaN is above."""
+    good = np.abs(values) <= limit + 1e-9
+    if good.all():
+        return None
+    i = int(np.argmin(good))
+    bad = float(values[i])
+    why = (reason or Reason.VELOCITY) if np.isfinite(bad) else Reason.NOT_FINITE
+    return Refusal(why, f"{field} {names[i]}", f"at most {limit[i]:.4f}", f"{bad:.4f}")
