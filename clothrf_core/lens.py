@@ -117,7 +117,8 @@ class Lens:
         top = a + right * (b - a)
         bottom = c + right * (d - c)
         mixed = np.rint(top + down * (bottom - top)).astype(np.uint8)
-        return mixed.reshape(*self.shape, 3)
+        result: NDArray[np.uint8] = mixed.reshape(*self.shape, 3)
+        return result
 
 
 class LensCache:

@@ -1,0 +1,94 @@
+"""The rendered camera that needs no graphics driver."""
+
+from __future__ import annotations
+
+import importlib.util
+import threading
+from types import TracebackType
+from typing import Self, cast
+
+import numpy as np
+from typing_extensions import override
+
+from clothrf_core.interfaces import RenderedCamera
+from clothrf_core.lens import LensCache
+from clothrf_core.provider import BuildContext
+from clothrf_core.rendering import WorldReader
+from clothrf_core.scene import Picture, Scene
+from clothrf_core.types import CameraModel, RgbdFrame
+from clothrf_raster.config import RasterConfig
+from clothrf_raster.drawing import Drawing, Engine, board_key
+
+
+class RasterCamera(RenderedCamera):
+    """Draws scenes on the CPU; safe to share between threads, which draw side by side."""
+
+    def __init__(self, config: RasterConfig, context: BuildContext | None = None) -> None:
+        self._config = config
+        self._engine = engine(config)
+        self._own = _Own()
+        self._reader = WorldReader(
+            "raster", context.world if context is not None else None, self.render
+        )
+
+    @override
+    def __enter__(self) -> Self:
+        self._reader.restart()
+        return self
+
+    @override
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._own = _Own()
+
+    @override
+    def read(self, timeout_s: float = 1.0) -> RgbdFrame:
+        return self._reader.read(timeout_s)
+
+    @override
+    def render(self, scene: Scene, camera: CameraModel) -> Picture:
+        if not camera.distortion.any():
+            return self._draw(scene, camera)
+        lens = self._own.lenses.of(camera)
+        return lens.bend(
+            self._draw(scene, lens.pinhole(camera)), camera, colour=self._config.colour
+        )
+
+    def _draw(self, scene: Scene, camera: CameraModel) -> Picture:
+        colour = self._config.colour
+        board = self._own.board
+        if board is None or board.key != board_key(scene, camera, colour=colour):
+            board = Drawing.board(self._engine, scene, camera, colour=colour)
+            self._own.board = board
+        canvas = board.draw(scene)
+        depth = np.empty_like(canvas.depth)
+        self._engine.finish(canvas.depth, canvas.empty, depth)
+        rgb = canvas.rgb if colour else board.black
+        frame = RgbdFrame(stamp_ns=scene.stamp_ns, rgb=rgb, depth=depth, camera=camera)
+        return Picture(frame=frame, labels=canvas.labels)
+
+
+class _Own(threading.local):
+    """What each thread keeps between frames."""
+
+    board: Drawing | None = None
+
+    def __init__(self) -> None:
+        self.lenses = LensCache()
+
+
+def engine(config: RasterConfig) -> Engine:
+    """The module that draws, as configured; an ImportError tells that numba is missing."""
+    if config.engine == "numpy" or (
+        config.engine == "auto" and importlib.util.find_spec("numba") is None
+    ):
+        from clothrf_raster import plain
+
+        return cast(Engine, plain)
+    from clothrf_raster import compiled
+
+    return cast(Engine, compiled)

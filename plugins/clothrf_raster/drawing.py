@@ -1,0 +1,169 @@
+"""One thread's drawing board: keeps buffers, and does not draw again what has not changed.
+
+Meshes are always drawn in the same order (backdrop, table, occluders, then the rest), and of
+equally close surfaces the first wins. The picture after the leading unchanged meshes is kept, and
+later frames start from that copy: the same bits as drawing everything.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clothrf_core.scene import Label, Scene, SceneMesh
+from clothrf_core.types import CameraModel, Float, Float32
+from clothrf_raster import shading
+from clothrf_raster.canvas import Canvas, Ink
+from clothrf_raster.view import View
+
+STILL = (Label.BACKDROP, Label.TABLE, Label.OCCLUDER)
+Colour = tuple[float, float, float]
+
+
+class Engine(Protocol):
+    """What draws: the module `compiled` or its twin `plain`."""
+
+    def draw(self, canvas: Canvas, view: View, mesh: SceneMesh, ink: Ink, ramp: Float32, /) -> None:
+        """Draw `mesh` wherever it is closer than what is on the canvas."""
+
+    def finish(self, depth: Float32, empty: np.float32, out: Float32, /) -> None:
+        """Write metres or NaN into `out`."""
+
+    def corner_shades(self, mesh: SceneMesh, eye: Float, light: Float, /) -> Float32:
+        """(M, 3) cosines to the light, see `shading`."""
+
+
+@dataclass(slots=True, eq=False)
+class Drawing:
+    """Buffers for one camera and one light.
+
+    Attributes:
+        engine: what draws.
+        view: the camera as numbers.
+        key: of the camera and light that it was made for.
+        light: (3,) unit vector in which the light travels.
+        shine: ambient and directional strength.
+        background: (3,) uint8.
+        eye: (3,) position of the camera, world.
+        base: the picture of `kept`.
+        work: depth buffer of everything.
+        black: (H, W, 3) uint8 zeros, the colour picture where colour is off.
+        ramp: 0, 1, 2, ... as float32.
+        seen: still meshes of the frame before (copies: their owner may write into the arrays).
+        kept: how many of `seen` are drawn in `base`.
+        palettes: colour of a mesh -> its shades.
+    """
+
+    engine: Engine
+    view: View
+    key: tuple[object, ...]
+    light: Float
+    shine: tuple[float, float]
+    background: NDArray[np.uint8]
+    eye: Float
+    base: Canvas
+    work: Float32
+    black: NDArray[np.uint8]
+    ramp: Float32
+    seen: list[SceneMesh] = field(default_factory=list)
+    kept: int = 0
+    palettes: dict[Colour, NDArray[np.uint8]] = field(default_factory=dict)
+
+    @classmethod
+    def board(cls, engine: Engine, scene: Scene, camera: CameraModel, *, colour: bool) -> Drawing:
+        """An empty board for `camera` under the light of `scene`."""
+        direction = np.asarray(scene.light.direction, float)
+        size = (camera.width, camera.height, camera.far)
+        background = shading.encode(np.asarray(scene.background, float))
+        base = Canvas.blank(*size, colour=colour)
+        base.clear(background)
+        return cls(
+            engine=engine,
+            view=View.of(camera),
+            key=board_key(scene, camera, colour=colour),
+            light=direction / np.linalg.norm(direction),
+            shine=(scene.light.ambient, scene.light.intensity),
+            background=background,
+            eye=np.array(camera.T_world_camera[:3, 3]),
+            base=base,
+            work=np.empty_like(base.depth),
+            black=np.zeros((camera.height, camera.width, 3), np.uint8),
+            ramp=np.arange(camera.width + 1, dtype=np.float32),
+        )
+
+    def draw(self, scene: Scene) -> Canvas:
+        """All meshes of `scene`: new labels and colour; the depth is valid until the next call."""
+        meshes = sorted(scene.meshes, key=_rank)
+        still = meshes[: sum(mesh.label in STILL for mesh in meshes)]
+        same = _leading_equal(still, self.seen)
+        if same != self.kept:
+            self.base.clear(self.background)
+            for mesh in still[:same]:
+                self._draw_on(self.base, mesh)
+            self.kept = same
+        if same < max(len(still), len(self.seen)):
+            self.seen = self.seen[:same] + [_copy(mesh) for mesh in still[same:]]
+        np.copyto(self.work, self.base.depth)
+        canvas = Canvas(
+            depth=self.work,
+            labels=self.base.labels.copy(),
+            rgb=self.base.rgb.copy(),
+            empty=self.base.empty,
+        )
+        for mesh in meshes[same:]:
+            self._draw_on(canvas, mesh)
+        return canvas
+
+    def _draw_on(self, canvas: Canvas, mesh: SceneMesh) -> None:
+        if canvas.rgb.size > 0:
+            shades = self.engine.corner_shades(mesh, self.eye, self.light)
+            ink = Ink(int(mesh.label), mesh.measurable, shades, self._palette(mesh.colour))
+        else:
+            ink = Ink(int(mesh.label), mesh.measurable)
+        self.engine.draw(canvas, self.view, mesh, ink, self.ramp)
+
+    def _palette(self, colour: Colour) -> NDArray[np.uint8]:
+        key = (colour[0], colour[1], colour[2])
+        if key not in self.palettes:
+            if len(self.palettes) >= 64:
+                self.palettes.clear()
+            self.palettes[key] = shading.palette(key, *self.shine)
+        return self.palettes[key]
+
+
+def board_key(scene: Scene, camera: CameraModel, *, colour: bool) -> tuple[object, ...]:
+    """Equal for scenes and cameras that can share a board."""
+    light = scene.light
+    lit = (*light.direction, light.intensity, light.ambient, *scene.background) if colour else ()
+    size = (camera.width, camera.height, camera.near, camera.far)
+    return (*size, camera.K.tobytes(), camera.T_world_camera.tobytes(), colour, lit)
+
+
+def _rank(mesh: SceneMesh) -> int:
+    return STILL.index(mesh.label) if mesh.label in STILL else len(STILL)
+
+
+def _leading_equal(meshes: Sequence[SceneMesh], others: Sequence[SceneMesh]) -> int:
+    for count, (a, b) in enumerate(zip(meshes, others, strict=False)):
+        same = (
+            (a.label, a.measurable, tuple(a.colour)) == (b.label, b.measurable, tuple(b.colour))
+            and np.array_equal(a.vertices, b.vertices)
+            and np.array_equal(a.triangles, b.triangles)
+        )
+        if not same:
+            return count
+    return min(len(meshes), len(others))
+
+
+def _copy(mesh: SceneMesh) -> SceneMesh:
+    return SceneMesh(
+        label=mesh.label,
+        vertices=np.array(mesh.vertices),
+        triangles=np.array(mesh.triangles),
+        colour=mesh.colour,
+        measurable=mesh.measurable,
+    )

@@ -1,0 +1,161 @@
+"""The same z-buffer in plain numpy: the fallback without numba, and what `compiled.py` must equal.
+
+Every number is computed by the same operations in the same order, so the two engines give the
+same bits. All triangles of a mesh are cut into rows at once, the rows into pixels at once; of the
+fragments that fall on one pixel the closest wins, and of equally close ones the first.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clothrf_core.scene import SceneMesh
+from clothrf_core.types import Float, Float32
+from clothrf_raster.canvas import Canvas, Ink
+from clothrf_raster.shading import corner_shades
+from clothrf_raster.view import View
+
+__all__ = ["corner_shades", "draw", "finish"]
+
+ONE = np.float32(1.0)
+ZERO = np.float32(0.0)
+
+
+def draw(canvas: Canvas, view: View, mesh: SceneMesh, ink: Ink, ramp: Float32) -> None:
+    """Draw `mesh` on `canvas` wherever it is closer than what is there; `ramp` is 0, 1, 2, ..."""
+    with np.errstate(all="ignore"):
+        corners = _corners(view, mesh, ink, colour=canvas.rgb.size > 0)
+        _fill(canvas, corners, ink, ramp)
+
+
+def finish(depth: Float32, empty: np.float32, out: Float32) -> None:
+    """Write metres into `out`, NaN where `depth` is negative or `empty`."""
+    out[:] = np.where((depth > ZERO) & (depth < empty), depth, np.float32(np.nan))
+
+
+def _corners(view: View, mesh: SceneMesh, ink: Ink, *, colour: bool) -> Float:
+    """(3, 4, N) float64 u, v, inverse depth and shade of what lies beyond the near plane."""
+    p = view.pose
+    x, y, z = mesh.vertices.T
+    local = np.stack([p[k, 0] * x + p[k, 1] * y + p[k, 2] * z + p[k, 3] for k in range(3)], axis=1)
+    pixel = _project(view, local, 1.0 / local[:, 2])
+    t = mesh.triangles
+    shades = ink.shades.astype(float) if colour else np.zeros(t.shape)
+    beyond = (local[:, 2] >= view.near)[t]
+    whole = beyond.all(axis=1)
+    corners = np.concatenate([pixel[t[whole]], shades[whole][:, :, None]], axis=2)
+    halves = [
+        half
+        for m in np.flatnonzero(beyond.any(axis=1) & ~whole)
+        for half in _clip(view, local[t[m]], pixel[t[m]], shades[m])
+    ]
+    if halves:
+        corners = np.concatenate([corners, np.array(halves)])
+    return corners.transpose(1, 2, 0)
+
+
+def _project(view: View, local: Float, w: Float) -> Float:
+    fx, skew, cx, fy, cy = view.lens
+    u = cx + (fx * local[:, 0] + skew * local[:, 1]) * w
+    v = cy + fy * local[:, 1] * w
+    return np.stack([u, v, w], axis=1)
+
+
+def _clip(view: View, local: Float, pixel: Float, shades: Float) -> list[Float]:
+    """One or two (3, 4) triangles: the part of one triangle beyond the near plane."""
+    cut = []
+    for i, j in ((0, 1), (1, 2), (2, 0)):
+        if local[i, 2] >= view.near:
+            cut.append(np.append(pixel[i], shades[i]))
+        if (local[i, 2] >= view.near) != (local[j, 2] >= view.near):
+            if local[i, 2] < view.near:
+                i, j = j, i  # from the visible end, so that neighbours agree
+            t = (local[i, 2] - view.near) / (local[i, 2] - local[j, 2])
+            point = local[i] + t * (local[j] - local[i])
+            on_plane = _project(view, point[None], np.array([1.0 / view.near]))[0]
+            cut.append(np.append(on_plane, shades[i] + t * (shades[j] - shades[i])))
+    return [np.stack([cut[0], cut[k], cut[k + 1]]) for k in range(1, len(cut) - 1)]
+
+
+def _fill(canvas: Canvas, corners: Float, ink: Ink, ramp: Float32) -> None:
+    height, width = canvas.depth.shape
+    a, b, c = corners
+    a, b = _sorted(a, b)
+    a, c = _sorted(a, c)
+    b, c = _sorted(b, c)
+    area = (b[0] - a[0]) * (c[1] - a[1]) - (c[0] - a[0]) * (b[1] - a[1])
+    us = np.stack([a[0], b[0], c[0]])
+    keep = (c[1] > -1.0) & (a[1] < height) & (us.max(0) > -1.0) & (us.min(0) < width)
+    keep &= np.abs(area) > 0.0
+    a, b, c, area = a[:, keep], b[:, keep], c[:, keep], area[keep]
+    top = np.ceil(np.maximum(a[1], 0.0)).astype(np.int64)
+    bottom = np.ceil(np.minimum(c[1], float(height))).astype(np.int64)
+
+    m, row = _runs(top, np.maximum(bottom - top, 0))
+    y = row.astype(float)
+    x0 = a[0][m] + (y - a[1][m]) * ((c[0] - a[0]) / (c[1] - a[1]))[m]
+    upper = a[0][m] + (y - a[1][m]) * ((b[0] - a[0]) / (b[1] - a[1]))[m]
+    lower = b[0][m] + (y - b[1][m]) * ((c[0] - b[0]) / (c[1] - b[1]))[m]
+    x1 = np.where(y < b[1][m], upper, lower)
+    left = np.ceil(np.maximum(np.minimum(x0, x1), 0.0))
+    right = np.ceil(np.minimum(np.maximum(x0, x1), float(width)))
+    n = np.maximum(right - left, 0.0).astype(np.int64)
+    r, i = _runs(np.zeros(len(n), np.int64), n)
+    t = m[r]
+
+    start, step = _plane(a, b, c, a[2], b[2], c[2], area, m, left, y)
+    low = np.minimum(np.minimum(a[2], b[2]), c[2]).astype(np.float32)
+    high = np.maximum(np.maximum(a[2], b[2]), c[2]).astype(np.float32)
+    w = np.minimum(np.maximum(start[r] + ramp[i] * step[t], low[t]), high[t])
+    z = ONE / w
+    where = row[r] * width + left[r].astype(np.int64) + i
+    best = np.abs(canvas.depth.reshape(-1))
+    closer = np.flatnonzero(z < best[where])
+    np.minimum.at(best, where[closer], z[closer])
+    # Backwards, because of several writes to one element numpy keeps the last.
+    won = closer[z[closer] == best[where[closer]]][::-1]
+    spot = where[won]
+    canvas.depth.reshape(-1)[spot] = z[won] if ink.measurable else -z[won]
+    canvas.labels.reshape(-1)[spot] = ink.label
+    if canvas.rgb.size > 0:
+        q = (a[3] * a[2], b[3] * b[2], c[3] * c[2])
+        shade, step = _plane(a, b, c, *q, area, m, left, y)
+        r, i, t = r[won], i[won], t[won]
+        s = np.minimum(np.maximum((shade[r] + ramp[i] * step[t]) * z[won], ZERO), ONE)
+        level = (s * np.float32(len(ink.palette) - 1)).astype(np.int64)
+        canvas.rgb.reshape(-1, 3)[spot] = ink.palette[level]
+
+
+def _plane(
+    a: Float,
+    b: Float,
+    c: Float,
+    qa: Float,
+    qb: Float,
+    qc: Float,
+    area: Float,
+    m: NDArray[np.int64],
+    x: Float,
+    y: Float,
+) -> tuple[Float32, Float32]:
+    """Values at (x, y) of triangle `m` (per row) and steps along x (per triangle) of a plane."""
+    gx = ((qb - qa) * (c[1] - a[1]) - (qc - qa) * (b[1] - a[1])) / area
+    gy = ((b[0] - a[0]) * (qc - qa) - (c[0] - a[0]) * (qb - qa)) / area
+    value = qa[m] + (x - a[0][m]) * gx[m] + (y - a[1][m]) * gy[m]
+    return value.astype(np.float32), gx.astype(np.float32)
+
+
+def _sorted(a: Float, b: Float) -> tuple[Float, Float]:
+    """The two corners of each triangle, the upper one first."""
+    swap = b[1] < a[1]
+    return np.where(swap, b, a), np.where(swap, a, b)
+
+
+def _runs(
+    start: NDArray[np.int64], length: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Owner and value of every number in the runs start, start + 1, ... of the given lengths."""
+    owner = np.repeat(np.arange(len(length)), length)
+    before = np.cumsum(length) - length
+    return owner, start[owner] + np.arange(len(owner)) - before[owner]
