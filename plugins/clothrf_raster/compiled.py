@@ -244,13 +244,20 @@ def _corner_shades(v: Float, t: NDArray[np.int32], eye: Float, light: Float) -> 
         x, y, z = x / length, y / length, z / length
         normals[i, 0], normals[i, 1], normals[i, 2] = x, y, z
         normals[i, 3] = x * light[0] + y * light[1] + z * light[2]
+    creased = np.zeros(v.shape[0], np.bool_)
+    for m in range(t.shape[0]):
+        x, y, z = faces[m, 0], faces[m, 1], faces[m, 2]
+        for k in range(3):
+            i = t[m, k]
+            lean = normals[i, 0] * x + normals[i, 1] * y + normals[i, 2] * z
+            if lean < CREASE_COSINE:
+                creased[i] = True
     shades = np.empty(t.shape, np.float32)
     for m in range(t.shape[0]):
         x, y, z = faces[m, 0], faces[m, 1], faces[m, 2]
         flat = x * light[0] + y * light[1] + z * light[2]
         for k in range(3):
             i = t[m, k]
-            lean = normals[i, 0] * x + normals[i, 1] * y + normals[i, 2] * z
-            toward = flat if lean < CREASE_COSINE else normals[i, 3]
+            toward = flat if creased[i] else normals[i, 3]
             shades[m, k] = np.float32(toward if faces[m, 3] > 0.0 else -toward)
     return shades

@@ -1,8 +1,8 @@
 """Lambert's law on both sides of every surface, smooth where the surface is smooth.
 
-A corner of a triangle takes the vertex normal (faces weighted by area) unless it leans more than
-50 degrees from the face, so cloth and spheres look round and boxes keep their edges. Sums are
-written out, so that `compiled.py` gives the same bits.
+A corner takes the normal of its vertex (faces weighted by area), unless one of the faces around the
+vertex leans more than 50 degrees from it: then each face keeps its own. So cloth and spheres look
+round and boxes keep their edges. Sums are written out, so that `compiled.py` gives the same bits.
 """
 
 from __future__ import annotations
@@ -39,11 +39,12 @@ def corner_shades(mesh: SceneMesh, eye: Float, light: Float) -> Float32:
     faces = _unit(faces)
     normals = _unit(normals)
     flat = _dot(faces, light)
+    creased = np.zeros(len(v), bool)
+    for k in range(3):
+        creased[t[_dot(normals[t[:, k]], faces) < CREASE_COSINE, k]] = True
     shades = np.empty(t.shape, np.float32)
     for k in range(3):
-        corner = normals[t[:, k]]
-        creased = _dot(corner, faces) < CREASE_COSINE
-        toward = np.where(creased, flat, _dot(corner, light))
+        toward = np.where(creased[t[:, k]], flat, _dot(normals[t[:, k]], light))
         shades[:, k] = np.where(away, toward, -toward)
     return shades
 
