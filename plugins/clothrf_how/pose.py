@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from clothrf_core.types import Float32
-from clothrf_how.foreground import Foreground, centre
+from clothrf_how.foreground import Foreground
 
 
 def pose_names() -> tuple[str, ...]:
@@ -16,7 +16,7 @@ def pose_names() -> tuple[str, ...]:
 def pose(area: Foreground) -> Float32:
     """(4,) float32: middle column and row over the picture's width, root area share, depth (m)."""
     h, w = area.mask.shape
-    u, v, _ = centre(area)
+    u, v, _ = area.centre
     x0, y0, x1, y1 = area.box
     depth = area.depth[y0:y1, x0:x1]
     median = np.median(depth[area.mask[y0:y1, x0:x1]])

@@ -8,7 +8,7 @@ import pytest
 from clothrf_how import foreground_kernels as kernels
 from clothrf_how.config import FeatureOptions, ForegroundOptions
 from clothrf_how.extractor import Extractor
-from clothrf_how.foreground import View, anchor, bounding_box, foreground, hue_mask
+from clothrf_how.foreground import View, anchor, foreground, hue_mask
 
 from clothrf_core.camera_model import project
 from clothrf_core.rig import ForegroundSection
@@ -41,7 +41,11 @@ def test_the_sheet_is_found(sheet, find):
 
     assert area.usable
     assert _overlap(area.mask, _truth(sheet)) > 0.98
-    assert area.box == bounding_box(area.mask)
+    rows, columns = np.nonzero(area.mask)
+    assert area.box == (columns.min(), rows.min(), columns.max() + 1, rows.max() + 1)
+    assert area.area == rows.size
+    want = (columns.mean(), rows.mean(), area.depth[area.mask].mean(dtype=float))
+    assert area.centre == pytest.approx(want)
 
 
 def test_a_background_behind_the_cloth_is_not_cloth(sheet, find):
@@ -166,41 +170,43 @@ def test_distortion_is_undone(rig, sheet, observe):
     assert Extractor(FeatureOptions(), rig).extract(observe(frame)).valid
 
 
-def test_the_compiled_block_reduction_equals_numpy(rig, sheet):
+@pytest.mark.parametrize("factor", [1, 2])
+def test_the_compiled_block_reduction_equals_numpy(rig, sheet, factor):
     rng = np.random.default_rng(0)
     depth = np.array(sheet.depth)
     kind = rng.integers(0, 12, depth.shape)
     for value, code in ((np.nan, 0), (0.0, 1), (np.inf, 2), (-1.0, 3), (0.1, 4), (2.0, 5)):
         depth[kind == code] = value
     where = rig.foreground
-    view = View.of(sheet.camera, 2)
+    view = View.of(sheet.camera, factor)
     low, high = np.array(where.low, np.float32), np.array(where.high, np.float32)
 
-    z, state = kernels.reduce_blocks(
-        depth, 2, where.depth_min, where.depth_max, view.directions, view.origin, low, high
+    reduce = kernels.reduce_pairs if factor == 2 else kernels.reduce_pixels
+    z, state = reduce(
+        depth, where.depth_min, where.depth_max, view.directions, view.origin, low, high
     )
 
     want_z, want_state = _reduced(depth, where, view, low, high)
     np.testing.assert_array_equal(state, want_state)
-    candidate = state == kernels.CANDIDATE
-    np.testing.assert_allclose(z[candidate], want_z[candidate], rtol=1e-6)
-    assert ((z > 0) == (state > 0)).all()
+    assert set(np.unique(state)) == {0, 1, 2}
+    np.testing.assert_allclose(z, want_z, rtol=1e-6)
 
 
 def _reduced(depth, where, view, low, high):
-    h, w = depth.shape[0] // 2, depth.shape[1] // 2
-    block = depth.reshape(h, 2, w, 2).transpose(0, 2, 1, 3).reshape(h, w, 4)
+    n = view.factor
+    h, w = depth.shape[0] // n, depth.shape[1] // n
+    block = depth.reshape(h, n, w, n).transpose(0, 2, 1, 3).reshape(h, w, n * n)
     near, far = np.float32(where.depth_min), np.float32(where.depth_max)
     with np.errstate(invalid="ignore"):
         inside = (block >= near) & (block <= far)
         nearest = np.where(inside, block, np.inf).min(axis=2)
         close = inside & (block <= nearest[..., None] + kernels.BLOCK)
-        outside = ((block > 0) & (block < np.inf) & ~inside).any(axis=2)
+        farthest = np.where((block > 0) & (block < np.inf), block, 0.0).max(axis=2)
     total = np.where(close, block, 0).sum(axis=2)
-    z = np.where(np.isinf(nearest), 0.0, total / np.maximum(close.sum(axis=2), 1))
+    z = np.where(np.isinf(nearest), farthest, total / np.maximum(close.sum(axis=2), 1))
     point = view.origin[:, None, None] + z * view.directions
     ok = ((point >= low[:, None, None]) & (point <= high[:, None, None])).all(axis=0)
-    state = np.where(np.isinf(nearest), np.where(outside, 2, 0), np.where(ok, 1, 2))
+    state = np.where(ok & ~np.isinf(nearest), 1, np.where(z > 0, 2, 0))
     return z, state
 
 

@@ -60,7 +60,8 @@ def test_the_compiled_passes_equal_filter2d(response, orientation):
     wave = factors(options, psi=0.0)[orientation]
     quarter = factors(options, psi=np.pi / 2)[orientation]
 
-    got = Passes.of(wave, quarter).sums(picture, mask, box, grid, response)
+    options = HowOptions(response=response, every=1)
+    got = Passes.of(wave, quarter).sums(picture, mask, box, grid, options)
 
     def answer(factor):
         return cv2.filter2D(
