@@ -96,7 +96,7 @@ def read_npz(path: Path) -> dict[str, NDArray[Any]]:
         DataError: missing, truncated, corrupt or holding pickled objects.
     """
     try:
-        with np.load(path, allow_pickle=False) as archive:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
             return {name: archive[name] for name in archive.files}
     except FileNotFoundError as error:
         raise DataError(f"{path}: expected an .npz file, found none") from error
@@ -114,7 +114,7 @@ def read_npz_member(path: Path, name: str) -> NDArray[Any]:
         DataError: as `read_npz`, or there is no such array.
     """
     try:
-        with np.load(path, allow_pickle=False) as archive:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
             array: NDArray[Any] = archive[name]
             return array
     except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:

@@ -97,7 +97,7 @@ class SheetSimulator(Simulator):
 class SplatCamera(RenderedCamera):
     """Draws the centres of triangles as squares of pixels; coarse, but exact in depth there."""
 
-    def __init__(self, world: World | None = None, *, spread: int = 6) -> None:
+    def __init__(self, world: World | None = None, *, spread: int = 3) -> None:
         self._world = world
         self._spread = spread
         self._last_ns = -1
@@ -129,21 +129,29 @@ class SplatCamera(RenderedCamera):
     @override
     def render(self, scene: Scene, camera: CameraModel) -> Picture:
         h, w = camera.height, camera.width
-        depth = np.full((h, w), np.inf, np.float32)
+        depth = np.full((h, w), np.nan, np.float32)
         labels = np.zeros((h, w), np.uint8)
         rgb = np.zeros((h, w, 3), np.uint8)
-        for mesh in scene.meshes:
-            pixels, z = project(camera, np.asarray(mesh.vertices)[mesh.triangles].mean(axis=1))
+        meshes = scene.meshes
+        if meshes:
+            centres = [np.asarray(m.vertices)[m.triangles].mean(axis=1) for m in meshes]
+            owner = np.repeat(np.arange(len(meshes)), [len(c) for c in centres])
+            pixels, z = project(camera, np.concatenate(centres))
             seen = np.isfinite(pixels).all(axis=1) & (z > camera.near) & (z < camera.far)
-            colour = np.array([round(255 * c) for c in mesh.colour], np.uint8)
-            for (u, v), d in zip(np.rint(pixels[seen]).astype(int), z[seen], strict=True):
-                s = self._spread
-                area = np.s_[max(v - s, 0) : max(v + s + 1, 0), max(u - s, 0) : max(u + s + 1, 0)]
-                nearer = depth[area] > d
-                depth[area][nearer] = d if mesh.measurable else np.nan
-                labels[area][nearer] = mesh.label
-                rgb[area][nearer] = colour
-        depth[~np.isfinite(depth)] = np.nan
+            shift = np.arange(-self._spread, self._spread + 1)
+            du, dv = (d.ravel() for d in np.meshgrid(shift, shift))
+            far_first = np.flatnonzero(seen)[np.argsort(-z[seen], kind="stable")]
+            corner = np.rint(pixels[far_first]).astype(int)
+            u, v = (corner[:, :1] + du).ravel(), (corner[:, 1:] + dv).ravel()
+            which = np.repeat(far_first, len(du))
+            inside = (u >= 0) & (u < w) & (v >= 0) & (v < h)
+            u, v, which = u[inside], v[inside], which[inside]
+            measurable = np.array([m.measurable for m in meshes])
+            colours = np.array([[round(255 * c) for c in m.colour] for m in meshes], np.uint8)
+            kinds = np.array([int(m.label) for m in meshes], np.uint8)
+            depth[v, u] = np.where(measurable[owner[which]], z[which], np.nan)
+            labels[v, u] = kinds[owner[which]]
+            rgb[v, u] = colours[owner[which]]
         return Picture(RgbdFrame(scene.stamp_ns, rgb, depth, camera), labels)
 
 
