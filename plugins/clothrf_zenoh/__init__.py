@@ -1,1 +1,86 @@
-"""Under construction."""
+"""The command stream to the robot over Zenoh, and the bridge that decides what reaches the arms."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from clothrf_core.hookspecs import hookimpl
+from clothrf_core.interfaces import Robot
+from clothrf_core.provider import Benchmark, BuildContext, Command, Figure, Provider
+from clothrf_zenoh.config import YumiZenohConfig
+
+if TYPE_CHECKING:
+    import typer
+
+
+def _robot(config: YumiZenohConfig, context: BuildContext) -> Robot:
+    from clothrf_zenoh.robot import StreamedYumi
+
+    return StreamedYumi(config, folder=context.folder)
+
+
+@hookimpl
+def clothrf_robots() -> list[Provider[Robot]]:
+    """The streamed YuMi."""
+    return [
+        Provider(
+            "yumi_zenoh",
+            "two YuMi arms behind a bridge, 250 Hz joint stream over Zenoh",
+            _robot,
+            YumiZenohConfig,
+            "zenoh",
+        )
+    ]
+
+
+def _bridge() -> typer.Typer:
+    from clothrf_zenoh.cli import bridge_app
+
+    return bridge_app()
+
+
+def _replay() -> typer.Typer:
+    from clothrf_zenoh.cli import replay_app
+
+    return replay_app()
+
+
+def _record() -> typer.Typer:
+    from clothrf_zenoh.cli import record_app
+
+    return record_app()
+
+
+def _estop() -> typer.Typer:
+    from clothrf_zenoh.cli import estop_app
+
+    return estop_app()
+
+
+@hookimpl
+def clothrf_commands() -> list[Command]:
+    """bridge, replay, record, estop."""
+    return [
+        Command("bridge", "Run the robot-side process: checks, watchdog, arms.", _bridge),
+        Command("replay", "Play a recording into a running bridge.", _replay),
+        Command("record", "Record the stream as an MCAP file.", _record),
+        Command("estop", "Stop the arms; acknowledged, not safety rated.", _estop),
+    ]
+
+
+def _benchmark(name: str, quick: bool) -> list[Figure]:  # noqa: FBT001  the hook's signature
+    from clothrf_zenoh import bench
+
+    figures: list[Figure] = getattr(bench, name)(quick)
+    return figures
+
+
+@hookimpl
+def clothrf_benchmarks() -> list[Benchmark]:
+    """The bridge's figures."""
+    return [
+        Benchmark("robot", "bridge tick", lambda quick: _benchmark("tick", quick)),
+        Benchmark("robot", "hostile commands", lambda quick: _benchmark("hostile", quick)),
+        Benchmark("robot", "stream", lambda quick: _benchmark("stream", quick)),
+        Benchmark("robot", "watchdog", lambda quick: _benchmark("watchdog", quick)),
+    ]

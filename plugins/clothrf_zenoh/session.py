@@ -19,13 +19,7 @@ from clothrf_zenoh.config import Role, ZenohSection
 from clothrf_zenoh.faults import BridgeUnreachable, UnsafeExposure
 from clothrf_zenoh.keys import Keys
 
-_READS = (
-    "declare_subscriber",
-    "put",
-    "delete",
-    "liveliness_token",
-    "declare_liveliness_subscriber",
-)
+Strings = tuple[str, ...]
 
 
 def keys_of(section: ZenohSection) -> Keys:
@@ -117,9 +111,7 @@ def access_control(section: ZenohSection) -> dict[str, Any]:
     }
 
 
-def _rules(
-    role: Role, keys: Keys
-) -> list[tuple[str, tuple[str, ...], tuple[str, ...], tuple[str, ...]]]:
+def _rules(role: Role, keys: Keys) -> list[tuple[str, Strings, Strings, Strings]]:
     """(name, flows, messages, key expressions) of a role, as the bridge sees its peer."""
     both, into, out = ("ingress", "egress"), ("ingress",), ("egress",)
     state = (
@@ -136,7 +128,7 @@ def _rules(
         "controller": ("status", "estop", "clear", "arm", "renew", "release"),
     }
     requests = tuple(keys.request(verb) for verb in verbs[role])
-    rules = [
+    rules: list[tuple[str, Strings, Strings, Strings]] = [
         ("subscribe", into, ("declare_subscriber", "declare_liveliness_subscriber"), state),
         ("receive", out, ("put", "liveliness_token", "liveliness_query"), state),
         ("ask-liveliness", into, ("liveliness_query",), state),

@@ -1,0 +1,1 @@
+"""Figures of the stream and the bridge, for `clothrf bench robot`."""

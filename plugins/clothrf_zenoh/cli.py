@@ -1,0 +1,166 @@
+"""`clothrf bridge`, `replay`, `record` and `estop`."""
+
+from __future__ import annotations
+
+import logging
+import os
+import signal
+from collections.abc import Callable
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from clothrf_core.clock import WallClock
+from clothrf_core.registry import Registry
+from clothrf_zenoh.compose import BridgeFile, build_arm, load_bridge
+from clothrf_zenoh.config import ZenohSection
+
+INTERSPERSED = {"allow_interspersed_args": True}
+
+BridgeOption = Annotated[Path, typer.Option(help="the bridge's TOML file")]
+
+
+def bridge_app() -> typer.Typer:
+    """`clothrf bridge CONFIG [--check]`."""
+    app = typer.Typer(context_settings=INTERSPERSED)
+
+    @app.callback(
+        invoke_without_command=True, epilog="Example: clothrf bridge configs/bridge_sim.toml"
+    )
+    def bridge(
+        config: Annotated[Path, typer.Argument(help="the bridge's TOML file")],
+        check: Annotated[
+            bool, typer.Option("--check", help="check the file and open nothing")
+        ] = False,
+    ) -> None:
+        """Run the robot-side process: checks, watchdog, arms."""
+        from clothrf_zenoh.compose import bounds_of
+        from clothrf_zenoh.serve import serve
+        from clothrf_zenoh.session import options_of, require_protection
+
+        registry = Registry.installed()
+        file = load_bridge(config, registry)
+        require_protection(file.config.zenoh)
+        options_of(file.config.zenoh, file.folder)
+        if check:
+            bounds = bounds_of(build_arm(file, registry), file.config.limits, 0.004)
+            print(f"{config}: good; {_summary(file)}, {len(bounds.names)} joints")
+            return
+        logging.basicConfig(level=logging.INFO, format="%(message)s")
+        status = serve(file, registry, WallClock(), _until_interrupted(), ready=print)
+        print(f"bridge: stopped after {status['ticks']} ticks, {status['overruns']} overruns")
+
+    return app
+
+
+def replay_app() -> typer.Typer:
+    """`clothrf replay RECORDING --bridge CONFIG`."""
+    app = typer.Typer(context_settings=INTERSPERSED)
+
+    @app.callback(
+        invoke_without_command=True,
+        epilog="Example: clothrf replay run.mcap --bridge configs/bridge_sim.toml",
+    )
+    def replay(
+        recording: Annotated[Path, typer.Argument(help="MCAP file with joint commands")],
+        bridge: BridgeOption,
+    ) -> None:
+        """Play a recording into a running bridge."""
+        from clothrf_zenoh.client import BridgeClient
+        from clothrf_zenoh.replay import read_commands
+        from clothrf_zenoh.replay import replay as play
+        from clothrf_zenoh.session import keys_of, open_session
+
+        registry = Registry.installed()
+        file = load_bridge(bridge, registry)
+        arm = build_arm(file, registry)
+        commands = read_commands(recording, tuple(arm.joint_names))
+        section = as_client(file)
+        with ExitStack() as stack:
+            session = stack.enter_context(open_session(section, file.folder))
+            client = stack.enter_context(
+                BridgeClient(session, keys_of(section), os.urandom(16), tuple(arm.joint_names))
+            )
+            client.wait_for_bridge(5.0)
+            sent = play(commands, client, WallClock(), stop=_until_interrupted())
+        print(f"replay: {sent} of {len(commands.times_ns)} commands sent")
+
+    return app
+
+
+def record_app() -> typer.Typer:
+    """`clothrf record FILE --bridge CONFIG`."""
+    app = typer.Typer(context_settings=INTERSPERSED)
+
+    @app.callback(
+        invoke_without_command=True,
+        epilog="Example: clothrf record run.mcap --bridge configs/bridge_sim.toml",
+    )
+    def record(
+        recording: Annotated[Path, typer.Argument(help="MCAP file to write")],
+        bridge: BridgeOption,
+    ) -> None:
+        """Record commands, targets, joint states and health until Ctrl-C."""
+        from clothrf_zenoh.record import record as write
+
+        file = load_bridge(bridge, Registry.installed())
+        count = write(as_client(file), file.folder, recording, WallClock(), _until_interrupted())
+        print(f"record: {count} messages in {recording}")
+
+    return app
+
+
+def estop_app() -> typer.Typer:
+    """`clothrf estop --bridge CONFIG [--clear]`."""
+    app = typer.Typer()
+
+    @app.callback(
+        invoke_without_command=True,
+        epilog="Example: clothrf estop --bridge configs/bridge_sim.toml",
+    )
+    def estop(
+        bridge: BridgeOption,
+        clear: Annotated[bool, typer.Option("--clear", help="leave the stop again")] = False,
+    ) -> None:
+        """Software stop, acknowledged by the bridge. Not safety rated: use the pendant's."""
+        from clothrf_zenoh.client import BridgeClient
+        from clothrf_zenoh.session import keys_of, open_session
+
+        file = load_bridge(bridge, Registry.installed())
+        section = as_client(file)
+        with ExitStack() as stack:
+            session = stack.enter_context(open_session(section, file.folder))
+            client = stack.enter_context(
+                BridgeClient(session, keys_of(section), os.urandom(16), ())
+            )
+            client.wait_for_link(5.0)
+            reply = client.ask("clear") if clear else client.emergency_stop("the command line")
+        print(f"bridge: {reply.state}")
+
+    return app
+
+
+def as_client(file: BridgeFile) -> ZenohSection:
+    """The section with which a program on the same machine reaches the bridge of `file`."""
+    section = file.config.zenoh
+    return section.model_copy(
+        update={"connect": [*section.listen, *section.connect], "listen": [], "access": []}
+    )
+
+
+def _summary(file: BridgeFile) -> str:
+    zenoh = file.config.zenoh
+    locks = [name for name in ("tls", "user", "access") if getattr(zenoh, name)]
+    where = ", ".join([*zenoh.listen, *zenoh.connect])
+    safe = " + ".join(locks) or ("insecure" if zenoh.insecure else "this machine only")
+    return f"arm {file.arm[0]}, end {file.end[0]}, {where} ({safe})"
+
+
+def _until_interrupted() -> Callable[[], bool]:
+    """True after Ctrl-C or SIGTERM; the loop then ends in order, arms at rest."""
+    seen: list[int] = []
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda n, _frame: seen.append(n))
+    return lambda: bool(seen)

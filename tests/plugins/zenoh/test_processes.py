@@ -1,0 +1,161 @@
+"""Sender, bridge and controller as processes of their own, over real TCP loopback."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+
+import numpy as np
+import pytest
+from clothrf_zenoh.faults import BridgeRefused, BridgeUnreachable
+
+from clothrf_core.types import RobotCommand
+
+from .processes import ARM, Relay, bridge, client, drive, free_port, robot, until
+
+HOME = ARM.grasp_points(ARM.ready)
+
+
+@pytest.fixture
+def port():
+    return free_port()
+
+
+def still(one):
+    one.poll()
+    return one.joints is not None and not one.joints.velocities.any()
+
+
+def stream_pid(machine):
+    return machine._process.pid
+
+
+def watched_stop(port, act):
+    """Make the arms move, do `act` to the sender, and see what the bridge makes of it."""
+    with bridge(port, watchdog_s=0.25), client(port) as eye, robot(port) as machine:
+        eye.wait_for_bridge(5.0)
+        drive(machine, HOME + [0.0, 0.0, 0.25], 0.7)
+        eye.poll()
+        assert eye.joints.velocities.any()
+        act(machine)
+        until(lambda: eye.poll() is None or eye.status["state"] == "HOLD", what="HOLD")
+        until(lambda: still(eye), what="standstill")
+        return dict(eye.status)
+
+
+def test_a_target_is_reached_and_the_arms_are_given_back(port):
+    with bridge(port) as far, client(port) as eye:
+        with robot(port) as machine:
+            sent = drive(machine, HOME + [0.05, 0.0, 0.05], 1.2)
+            reached = machine.state().positions
+            status = machine.status()
+        eye.wait_for_bridge(5.0)
+        until(lambda: eye.poll() is None or eye.status["state"] == "HOLD", what="release")
+        why = eye.status["reason"]
+    counted = far.last_status
+
+    assert [s.held for s in sent[3:]] == [""] * (len(sent) - 3)
+    assert np.allclose(reached, HOME + [0.05, 0.0, 0.05], atol=0.005)
+    assert status["stream"] == "streaming"
+    assert why == "released"
+    assert counted["lost"] == 0
+    # A last command may cross the release on its way.
+    assert {name for name in counted if name.startswith("refused")} <= {"refused.not_armed"}
+
+
+def test_a_killed_sender_stops_the_arms(port):
+    status = watched_stop(port, lambda m: os.kill(stream_pid(m), signal.SIGKILL))
+
+    assert "watchdog" in status["reason"]
+
+
+def test_a_stopped_sender_stops_the_arms(port):
+    def act(machine):
+        os.kill(stream_pid(machine), signal.SIGSTOP)
+        machine._process.kill()
+
+    assert "watchdog" in watched_stop(port, act)["reason"]
+
+
+def test_a_cut_cable_stops_the_arms(port):
+    with bridge(port, watchdog_s=0.25), Relay(port) as cable, client(port) as eye:
+        with robot(cable.port) as machine:
+            eye.wait_for_bridge(5.0)
+            drive(machine, HOME + [0.0, 0.0, 0.25], 0.7)
+            cable.cut()
+            until(lambda: eye.poll() is None or eye.status["state"] == "HOLD", what="HOLD")
+            until(lambda: still(eye), what="standstill")
+            machine._process.kill()
+
+        assert "watchdog" in eye.status["reason"]
+
+
+def test_a_silent_controller_lets_go_of_the_lease(port):
+    with bridge(port), client(port) as eye, robot(port) as machine:
+        drive(machine, HOME, 0.2)
+        until(lambda: eye.poll() is None or eye.status.get("state") == "HOLD", what="HOLD")
+
+        assert "lease" in eye.status["reason"]
+        held = machine.send(RobotCommand(99, time.monotonic_ns(), 0.3, HOME)).held
+        assert held.startswith("bridge HOLD")
+
+
+def test_after_a_stop_only_arming_again_moves_the_arms(port):
+    with bridge(port), client(port) as eye, robot(port) as machine:
+        drive(machine, HOME, 0.2)
+        reply = eye.emergency_stop("test")
+        assert reply.state == "ESTOP"
+        until(lambda: machine.status()["bridge"] == "ESTOP", what="news")
+        moved = drive(machine, HOME + [0.05, 0.0, 0.0], 0.3)
+        assert "emergency stop asked for by test" in moved[-1].held
+        with pytest.raises(BridgeRefused, match="ESTOP"):
+            machine.arm()
+        eye.ask("clear")
+        machine.arm()
+        drive(machine, HOME + [0.05, 0.0, 0.0], 0.8)
+
+        assert np.allclose(machine.state().positions, HOME + [0.05, 0.0, 0.0], atol=0.005)
+
+
+def test_a_second_sender_is_refused_and_disturbs_nobody(port):
+    with bridge(port) as far, robot(port) as machine, client(port) as other:
+        other.wait_for_bridge(5.0)
+        with pytest.raises(BridgeRefused, match="expected state IDLE or HOLD"):
+            other.arm(0.3)
+        other.epoch = int(other.status["epoch"])
+        for _ in range(20):
+            other.send(np.full(14, 0.5), np.zeros(14))
+        drive(machine, HOME, 0.3)
+
+        assert machine.status()["bridge"] == "RUNNING"
+        assert int(other.ask("status").status["refused.foreign_publisher"]) == 20
+        assert far.pid
+
+
+def test_a_target_too_far_away_is_refused_and_said(port):
+    with bridge(port), robot(port, max_step=0.1) as machine:
+        drive(machine, HOME, 0.2)
+        drive(machine, HOME + [0.5, 0.0, 0.0], 0.2)
+
+        assert "expected within 0.1 m of the set-point" in machine.status()["why"]
+        assert np.allclose(machine.state().positions, HOME, atol=1e-6)
+
+
+def test_a_bridge_that_is_not_there_is_named(port):
+    config = {"connect_timeout_s": 0.3}
+
+    with pytest.raises(BridgeUnreachable, match="is `clothrf bridge` running"):
+        robot(port, **config).__enter__()
+
+
+def test_a_taken_address_is_an_error_of_one_line(port):
+    with bridge(port), pytest.raises(BridgeUnreachable, match="cannot listen"):
+        bridge(port).__enter__()
+
+
+def test_a_message_on_the_stop_key_stops_the_arms(port):
+    with bridge(port), client(port) as eye, robot(port) as machine:
+        drive(machine, HOME, 0.2)
+        eye._session.put(eye._keys.request("estop"), b"")
+        until(lambda: eye.poll() is None or eye.status.get("state") == "ESTOP", what="ESTOP")
