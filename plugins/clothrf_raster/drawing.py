@@ -1,14 +1,14 @@
 """One thread's drawing board: keeps buffers, and does not draw again what has not changed.
 
-Meshes are always drawn in the same order (backdrop, table, occluders, then the rest), and of
-equally close surfaces the first wins. The picture after the leading unchanged meshes is kept, and
-later frames start from that copy: the same bits as drawing everything.
+Meshes are always drawn in the same order (backdrop, table, occluders, then the rest). The picture
+after the leading unchanged meshes is kept, and later frames start from that copy: the same bits as
+drawing everything.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 import numpy as np
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from clothrf_core.scene import Label, Scene, SceneMesh
 from clothrf_core.types import CameraModel, Float, Float32
 from clothrf_raster import shading
-from clothrf_raster.canvas import Canvas, Ink
+from clothrf_raster.canvas import Canvas, Ink, Keys, code_of
 from clothrf_raster.view import View
 
 STILL = (Label.BACKDROP, Label.TABLE, Label.OCCLUDER)
@@ -30,8 +30,10 @@ class Engine(Protocol):
     def draw(self, canvas: Canvas, view: View, mesh: SceneMesh, ink: Ink, ramp: Float32, /) -> None:
         """Draw `mesh` wherever it is closer than what is on the canvas."""
 
-    def finish(self, depth: Float32, empty: np.float32, out: Float32, /) -> None:
-        """Write metres or NaN into `out`."""
+    def finish(
+        self, canvas: Canvas, view: View, depth: Float32, labels: NDArray[np.uint8], /
+    ) -> None:
+        """Write metres or NaN into `depth` and labels into `labels`, both (H, W)."""
 
     def corner_shades(self, mesh: SceneMesh, eye: Float, light: Float, /) -> Float32:
         """(M, 3) cosines to the light, see `shading`."""
@@ -50,7 +52,7 @@ class Drawing:
         background: (3,) uint8.
         eye: (3,) position of the camera, world.
         base: the picture of `kept`.
-        work: depth buffer of everything.
+        work: keys of everything.
         black: (H, W, 3) uint8 zeros, the colour picture where colour is off.
         ramp: 0, 1, 2, ... as float32.
         seen: still meshes of the frame before (copies: their owner may write into the arrays).
@@ -66,7 +68,7 @@ class Drawing:
     background: NDArray[np.uint8]
     eye: Float
     base: Canvas
-    work: Float32
+    work: Keys
     black: NDArray[np.uint8]
     ramp: Float32
     seen: list[SceneMesh] = field(default_factory=list)
@@ -90,13 +92,13 @@ class Drawing:
             background=background,
             eye=np.array(camera.T_world_camera[:3, 3]),
             base=base,
-            work=np.empty_like(base.depth),
+            work=np.empty_like(base.keys),
             black=np.zeros((camera.height, camera.width, 3), np.uint8),
             ramp=np.arange(camera.width + 1, dtype=np.float32),
         )
 
     def draw(self, scene: Scene) -> Canvas:
-        """All meshes of `scene`: new labels and colour; the depth is valid until the next call."""
+        """All meshes of `scene`: new colour; the keys are valid until the next call."""
         meshes = sorted(scene.meshes, key=_rank)
         still = meshes[: sum(mesh.label in STILL for mesh in meshes)]
         same = _leading_equal(still, self.seen)
@@ -107,23 +109,19 @@ class Drawing:
             self.kept = same
         if same < max(len(still), len(self.seen)):
             self.seen = self.seen[:same] + [_copy(mesh) for mesh in still[same:]]
-        np.copyto(self.work, self.base.depth)
-        canvas = Canvas(
-            depth=self.work,
-            labels=self.base.labels.copy(),
-            rgb=self.base.rgb.copy(),
-            empty=self.base.empty,
-        )
+        np.copyto(self.work, self.base.keys)
+        canvas = replace(self.base, keys=self.work, rgb=self.base.rgb.copy())
         for mesh in meshes[same:]:
             self._draw_on(canvas, mesh)
         return canvas
 
     def _draw_on(self, canvas: Canvas, mesh: SceneMesh) -> None:
+        code = code_of(int(mesh.label), measurable=mesh.measurable)
         if canvas.rgb.size > 0:
             shades = self.engine.corner_shades(mesh, self.eye, self.light)
-            ink = Ink(int(mesh.label), mesh.measurable, shades, self._palette(mesh.colour))
+            ink = Ink(code, shades, self._palette(mesh.colour))
         else:
-            ink = Ink(int(mesh.label), mesh.measurable)
+            ink = Ink(code)
         self.engine.draw(canvas, self.view, mesh, ink, self.ramp)
 
     def _palette(self, colour: Colour) -> NDArray[np.uint8]:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from clothrf_core.scene import SceneMesh
 from clothrf_core.types import Float, Float32
-from clothrf_raster.canvas import Canvas, Ink
+from clothrf_raster.canvas import HALF, ROUND, Canvas, Ink
 from clothrf_raster.shading import corner_shades
 from clothrf_raster.view import View
 
@@ -20,6 +20,7 @@ __all__ = ["corner_shades", "draw", "finish"]
 
 ONE = np.float32(1.0)
 ZERO = np.float32(0.0)
+LIMIT = 1e12
 
 
 def draw(canvas: Canvas, view: View, mesh: SceneMesh, ink: Ink, ramp: Float32) -> None:
@@ -29,9 +30,15 @@ def draw(canvas: Canvas, view: View, mesh: SceneMesh, ink: Ink, ramp: Float32) -
         _fill(canvas, corners, ink, ramp)
 
 
-def finish(depth: Float32, empty: np.float32, out: Float32) -> None:
-    """Write metres into `out`, NaN where `depth` is negative or `empty`."""
-    out[:] = np.where((depth > ZERO) & (depth < empty), depth, np.float32(np.nan))
+def finish(canvas: Canvas, view: View, depth: Float32, labels: NDArray[np.uint8]) -> None:
+    """Write metres, or NaN where nothing measurable is seen, and labels; both (H, W)."""
+    keys = canvas.keys[:, : canvas.width]
+    with np.errstate(all="ignore"):
+        z = ONE / (keys & ROUND).view(np.float32)
+    z = np.minimum(np.maximum(z, np.float32(view.near)), np.float32(view.far))
+    seen = keys > canvas.empty
+    depth[:] = np.where(seen & ((keys & 1) == 1), z, np.float32(np.nan))
+    labels[:] = np.where(seen, 15 - ((keys >> 1) & 15), 0)
 
 
 def _corners(view: View, mesh: SceneMesh, ink: Ink, *, colour: bool) -> Float:
@@ -79,7 +86,8 @@ def _clip(view: View, local: Float, pixel: Float, shades: Float) -> list[Float]:
 
 
 def _fill(canvas: Canvas, corners: Float, ink: Ink, ramp: Float32) -> None:
-    height, width = canvas.depth.shape
+    height, stride = canvas.keys.shape
+    width = canvas.width
     a, b, c = corners
     a, b = _sorted(a, b)
     a, c = _sorted(a, c)
@@ -87,7 +95,8 @@ def _fill(canvas: Canvas, corners: Float, ink: Ink, ramp: Float32) -> None:
     area = (b[0] - a[0]) * (c[1] - a[1]) - (c[0] - a[0]) * (b[1] - a[1])
     us = np.stack([a[0], b[0], c[0]])
     keep = (c[1] > -1.0) & (a[1] < height) & (us.max(0) > -1.0) & (us.min(0) < width)
-    keep &= np.abs(area) > 0.0
+    far_out = np.abs(np.stack([*us, a[1], c[1]])).max(axis=0)
+    keep &= (np.abs(area) > 0.0) & (far_out < LIMIT)
     a, b, c, area = a[:, keep], b[:, keep], c[:, keep], area[keep]
     top = np.ceil(np.maximum(a[1], 0.0)).astype(np.int64)
     bottom = np.ceil(np.minimum(c[1], float(height))).astype(np.int64)
@@ -108,23 +117,20 @@ def _fill(canvas: Canvas, corners: Float, ink: Ink, ramp: Float32) -> None:
     low = np.minimum(np.minimum(a[2], b[2]), c[2]).astype(np.float32)
     high = np.maximum(np.maximum(a[2], b[2]), c[2]).astype(np.float32)
     w = np.minimum(np.maximum(start[r] + ramp[i] * step[t], low[t]), high[t])
-    z = ONE / w
-    where = row[r] * width + left[r].astype(np.int64) + i
-    best = np.abs(canvas.depth.reshape(-1))
-    closer = np.flatnonzero(z < best[where])
-    np.minimum.at(best, where[closer], z[closer])
-    # Backwards, because of several writes to one element numpy keeps the last.
-    won = closer[z[closer] == best[where[closer]]][::-1]
-    spot = where[won]
-    canvas.depth.reshape(-1)[spot] = z[won] if ink.measurable else -z[won]
-    canvas.labels.reshape(-1)[spot] = ink.label
+    key = ((w.view(np.int32) + HALF) & ROUND) | np.int32(ink.code)
+    where = row[r] * stride + left[r].astype(np.int64) + i
+    keys = canvas.keys.reshape(-1)
+    closer = np.flatnonzero(key > keys[where])
+    np.maximum.at(keys, where[closer], key[closer])
     if canvas.rgb.size > 0:
+        # Backwards, because of several writes to one element numpy keeps the last.
+        won = closer[key[closer] == keys[where[closer]]][::-1]
         q = (a[3] * a[2], b[3] * b[2], c[3] * c[2])
         shade, step = _plane(a, b, c, *q, area, m, left, y)
         r, i, t = r[won], i[won], t[won]
-        s = np.minimum(np.maximum((shade[r] + ramp[i] * step[t]) * z[won], ZERO), ONE)
+        s = np.minimum(np.maximum((shade[r] + ramp[i] * step[t]) * (ONE / w[won]), ZERO), ONE)
         level = (s * np.float32(len(ink.palette) - 1)).astype(np.int64)
-        canvas.rgb.reshape(-1, 3)[spot] = ink.palette[level]
+        canvas.rgb[row[r], left[r].astype(np.int64) + i] = ink.palette[level]
 
 
 def _plane(

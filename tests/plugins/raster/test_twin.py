@@ -6,10 +6,13 @@ import numpy as np
 import pytest
 from clothrf_raster import compiled, plain, shading
 from clothrf_raster.camera import RasterCamera
+from clothrf_raster.canvas import Canvas, code_of, key_of
 from clothrf_raster.config import RasterConfig
+from clothrf_raster.view import View
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from clothrf_core.errors import ShapeError
 from clothrf_core.scene import Label, Light, Scene, SceneMesh, box, capsule, sphere
 from clothrf_core.testing.camera import example_camera, example_scene
 
@@ -53,11 +56,11 @@ def test_random_triangles_small_large_cut_and_behind(seed, spread):
     assert_same(one, two)
 
 
-def test_triangles_that_share_a_place_are_won_by_the_first():
+def test_triangles_that_share_a_place_are_won_by_the_lower_label():
     mesh = soup(3, 20, 0.2)
     other = SceneMesh(Label.HAND, mesh.vertices, mesh.triangles, (0.9, 0.1, 0.1))
 
-    one, two = both(Scene(meshes=(mesh, other)))
+    one, two = both(Scene(meshes=(other, mesh)))
 
     assert_same(one, two)
     assert not (one.labels == Label.HAND).any()
@@ -79,16 +82,43 @@ def test_shades_are_equal(seed):
         assert np.array_equal(compiled.corner_shades(mesh, eye, light), expected)
 
 
-def test_finishing_is_equal():
-    empty = np.float32(2.5)
-    depth = np.array([[0.5, -0.5, 2.5], [2.4999, -2.5, 1e-9]], np.float32)
-    outs = [np.empty_like(depth), np.empty_like(depth)]
+def test_finishing_is_equal_and_knows_far_near_and_what_gives_no_depth():
+    view = View.of(example_camera(factor=0.1))
+    canvas = Canvas.blank(view.width, view.height, view.far, colour=False)
+    cloth, steel = code_of(1, measurable=True), code_of(4, measurable=False)
+    inverse = np.float32(1.0) / np.array([0.5, 0.1, 2.0, 2.1, 0.09999, 1.0], np.float32)
+    for x, (w, code) in enumerate(
+        zip(inverse, [cloth, cloth, cloth, cloth, cloth, steel], strict=True)
+    ):
+        canvas.keys[0, x] = max(canvas.empty, key_of(w, code))
+    found = []
+    for engine in (compiled, plain):
+        depth = np.empty((view.height, view.width), np.float32)
+        labels = np.empty((view.height, view.width), np.uint8)
+        engine.finish(canvas, view, depth, labels)
+        found.append((depth, labels))
 
-    compiled.finish(depth, empty, outs[0])
-    plain.finish(depth, empty, outs[1])
+    assert np.array_equal(found[0][0], found[1][0], equal_nan=True)
+    assert np.array_equal(found[0][1], found[1][1])
+    assert np.allclose(found[0][0][0, :3], [0.5, 0.1, 2.0], rtol=2e-6)
+    assert found[0][0][0, 4] == np.float32(0.1)
+    assert np.isnan(found[0][0][0, [3, 5, 6]]).all()
+    assert found[0][1][0, :7].tolist() == [1, 1, 1, 0, 1, 4, 0]
 
-    assert np.array_equal(outs[0], outs[1], equal_nan=True)
-    assert np.isnan(outs[0]).tolist() == [[False, True, True], [False, True, False]]
+
+@given(st.floats(0.01, 100.0), st.sampled_from(range(16)))
+def test_a_key_keeps_depth_to_two_millionths(depth, label):
+    key = key_of(np.float32(1.0 / depth), code_of(label, measurable=True))
+
+    back = 1.0 / float((key & np.int32(-32)).view(np.float32))
+
+    assert abs(back - depth) <= 2.1e-6 * depth
+    assert 15 - ((int(key) >> 1) & 15) == label
+
+
+def test_a_label_that_does_not_fit_is_refused():
+    with pytest.raises(ShapeError, match="label: expected 0 to 15 for the raster camera, got 16"):
+        code_of(16, measurable=True)
 
 
 def test_a_lens_and_a_light_from_behind():
