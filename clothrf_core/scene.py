@@ -164,6 +164,26 @@ def capsule(
     )
 
 
+def along(mesh: SceneMesh, start: Float, direction: Float) -> SceneMesh:
+    """A mesh built along the z axis from the origin, moved to `start` and turned to `direction`.
+
+    Args:
+        mesh: a body of revolution about z, for example a `capsule` from the origin upwards.
+        start: (3,) where its origin goes, world.
+        direction: (3,) unit vector its z axis turns to, world.
+    """
+    x, y, z = (float(v) for v in direction)
+    sign = 1.0 if z >= 0.0 else -1.0  # an orthonormal frame without branches (Duff et al. 2017)
+    a = -1.0 / (sign + z)
+    b = x * y * a
+    R = np.array(
+        [[1.0 + sign * x * x * a, sign * b, -sign * x], [b, sign + y * y * a, -y], [x, y, z]]
+    )
+    return SceneMesh(
+        mesh.label, mesh.vertices @ R + start, mesh.triangles, mesh.colour, mesh.measurable
+    )
+
+
 def box(low: Float, high: Float, label: Label, colour: tuple[float, float, float]) -> SceneMesh:
     """An axis-aligned box between two corners (3,), metres, world."""
     corner = np.array([[i, j, k] for i in (0, 1) for j in (0, 1) for k in (0, 1)], float)

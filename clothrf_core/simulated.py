@@ -27,7 +27,7 @@ from clothrf_core.interfaces import (
 )
 from clothrf_core.params import Randomization, SimulationParams
 from clothrf_core.rig import Rig
-from clothrf_core.scene import Label, Picture, Scene, SceneMesh, box, capsule, cloth_mesh
+from clothrf_core.scene import Label, Picture, Scene, SceneMesh, along, box, capsule, cloth_mesh
 from clothrf_core.sections import ClothSection
 from clothrf_core.types import (
     CameraModel,
@@ -71,6 +71,7 @@ class SimulatedWorld(World):
         self._dt = dt
         self._nominal_camera = rig.camera.model()
         self._table = table(rig)
+        self._holders = Holders.usual()
         self._state: ClothState | None = None
         self._params: Randomization | None = None
         self._steps = 0
@@ -144,7 +145,7 @@ class SimulatedWorld(World):
         state, params = self.state, self.params
         meshes = [
             cloth_mesh(state, self._simulator.mesh(), params.cloth_colour),
-            *holders(state),
+            *self._holders.at(state),
             self._table,
             *params.occluders,
         ]
@@ -270,19 +271,38 @@ def table(rig: Rig) -> SceneMesh:
     return dataclasses.replace(mesh, measurable=rig.table.measurable)
 
 
-def holders(state: ClothState) -> list[SceneMesh]:
-    """Hands and grippers at the four corners, pointing away from the cloth."""
-    centre = np.concatenate([state.hands, state.grasp]).mean(axis=0)
-    meshes = []
-    for corner in state.hands:
-        away = _unit(corner - centre + np.array([0.10, 0.0, -0.02]))
-        meshes.append(capsule(corner + 0.012 * away, corner + 0.11 * away, 0.022, Label.HAND, SKIN))
-    for corner in state.grasp:
-        away = _unit(corner - centre + np.array([-0.10, 0.0, 0.10]))
-        meshes.append(
-            capsule(corner + 0.008 * away, corner + 0.12 * away, 0.014, Label.GRIPPER, STEEL)
+@dataclass(frozen=True)
+class Holders:
+    """Hands and grippers as things to draw: capsules at the corners, pointing away from the cloth.
+
+    Attributes:
+        hand: a hand with its wrist, from the origin along z.
+        gripper: a gripper, from the origin along z.
+    """
+
+    hand: SceneMesh
+    gripper: SceneMesh
+
+    @classmethod
+    def usual(cls) -> Holders:
+        """A forearm 44 mm thick, a gripper 28 mm thick."""
+        zero, up = np.zeros(3), np.array([0.0, 0.0, 1.0])
+        return cls(
+            hand=capsule(zero, 0.098 * up, 0.022, Label.HAND, SKIN),
+            gripper=capsule(zero, 0.112 * up, 0.014, Label.GRIPPER, STEEL),
         )
-    return meshes
+
+    def at(self, state: ClothState) -> list[SceneMesh]:
+        """Two hands and two grippers at the corners of `state`."""
+        centre = (state.hands.sum(axis=0) + state.grasp.sum(axis=0)) / 4.0
+        meshes = []
+        for corner in state.hands:
+            away = _unit(corner - centre + np.array([0.10, 0.0, -0.02]))
+            meshes.append(along(self.hand, corner + 0.012 * away, away))
+        for corner in state.grasp:
+            away = _unit(corner - centre + np.array([-0.10, 0.0, 0.10]))
+            meshes.append(along(self.gripper, corner + 0.008 * away, away))
+        return meshes
 
 
 def _unit(vector: Float) -> Float:
