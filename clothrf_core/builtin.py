@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 from clothrf_core.errors import ConfigError
 from clothrf_core.hookspecs import hookimpl
 from clothrf_core.interfaces import Robot
-from clothrf_core.provider import BuildContext, NoOptions, Provider
+from clothrf_core.provider import Benchmark, BuildContext, NoOptions, Provider
 
 
 @hookimpl
@@ -28,3 +29,19 @@ def _simulated(_: NoOptions, context: BuildContext) -> Robot:
     if context.world is None:
         raise ConfigError("robot 'simulated' needs a simulated world; it has none here")
     return SimulatedRobot(context.world)
+
+
+@hookimpl
+def clothrf_benchmarks() -> Sequence[Benchmark]:
+    """Measurements of the spine."""
+    return [
+        Benchmark("core", "collection of samples", lambda quick: _bench().collection(quick)),
+        Benchmark("core", "the paper's schedule", lambda quick: _bench().schedule(quick)),
+        Benchmark("core", "kill and resume", lambda quick: _bench().resumption(quick)),
+    ]
+
+
+def _bench() -> Any:
+    from clothrf_core import bench
+
+    return bench

@@ -85,8 +85,10 @@ def side_camera(shop: Workshop) -> CameraModel:
     middle = np.concatenate([rig.rest_hands, rig.rest_grasp]).mean(axis=0)
     middle = middle - np.array([0.08, 0.0, 0.05])
     eye = middle + np.array([0.45, -0.75, 0.35])
-    K = np.array([[620.0, 0.0, 319.5], [0.0, 620.0, 239.5], [0.0, 0.0, 1.0]])
-    return CameraModel(640, 480, K, look_at(eye, middle), near=0.1, far=3.0)
+    width, height = rig.camera.width, rig.camera.height
+    f = 0.97 * width
+    K = np.array([[f, 0.0, 0.5 * (width - 1)], [0.0, f, 0.5 * (height - 1)], [0.0, 0.0, 1.0]])
+    return CameraModel(width, height, K, look_at(eye, middle), near=0.1, far=3.0)
 
 
 def mark(image: Image, pixels: Float, colour: tuple[int, int, int], *, size: int) -> None:
@@ -102,13 +104,10 @@ def mark(image: Image, pixels: Float, colour: tuple[int, int, int], *, size: int
 
 
 def beside(left: list[Shot], right: list[Shot]) -> list[Image]:
-    """Two films side by side, seen from the side, halved in size; frames (240, 640, 3)."""
-    frames = []
-    for a, b in zip(left, right, strict=False):
-        wide = np.concatenate([a.side, b.side], axis=1)
-        small = wide.reshape(240, 2, 640, 2, 3).mean(axis=(1, 3)).astype(np.uint8)
-        frames.append(small)
-    return frames
+    """Two films side by side, seen from the side, halved in size."""
+    return [
+        halved(np.concatenate([a.side, b.side], axis=1)) for a, b in zip(left, right, strict=False)
+    ]
 
 
 def contact_sheet(shots: list[Shot], *, columns: int = 3) -> Image:
@@ -118,7 +117,12 @@ def contact_sheet(shots: list[Shot], *, columns: int = 3) -> Image:
         np.concatenate([s.camera for s in chosen], axis=1),
         np.concatenate([s.side for s in chosen], axis=1),
     ]
-    sheet = np.concatenate(rows, axis=0)
-    h, w = sheet.shape[0] // 2, sheet.shape[1] // 2
-    small: Image = sheet.reshape(h, 2, w, 2, 3).mean(axis=(1, 3)).astype(np.uint8)
+    return halved(np.concatenate(rows, axis=0))
+
+
+def halved(image: Image) -> Image:
+    """Every 2 x 2 block of an image as its mean."""
+    h, w = image.shape[0] // 2, image.shape[1] // 2
+    blocks = image[: 2 * h, : 2 * w].reshape(h, 2, w, 2, 3)
+    small: Image = blocks.mean(axis=(1, 3)).astype(np.uint8)
     return small

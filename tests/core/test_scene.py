@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+
 from clothrf_core.errors import ShapeError
 from clothrf_core.scene import Label, SceneMesh, along, box, capsule, sphere
 
