@@ -155,6 +155,54 @@ def predict(
 
 
 @app.command()
+def run(
+    config: ConfigPath,
+    policy: Annotated[Path, typer.Option(help="policy folder")] = Path("runs/demo/policy"),
+    task: Annotated[str | None, typer.Option(help="default: the policy's first")] = None,
+    seconds: Annotated[float | None, typer.Option(help="default: until Ctrl-C", min=0)] = None,
+    yes: Annotated[bool, typer.Option("--yes", help="do not ask before moving a robot")] = False,
+) -> None:
+    """Run a trained policy: camera, features, policy, limits, robot. Ctrl-C stops the arms."""
+    import signal
+
+    from clothrf_core import compose, live
+    from clothrf_core.config import load
+
+    registry = Registry.installed()
+    resolved = load(config, registry)
+    trained, _ = compose.open_policy(policy, registry)
+    chosen = task or trained.tasks[0]
+    mover = resolved.components["robot"].plugin
+    if mover != "simulated":
+        console.print(f"robot '{mover}', task '{chosen}', rig '{resolved.rig.name}'")
+        for key, value in resolved.experiment.limits.model_dump().items():
+            console.print(f"  limits.{key} = {value}", highlight=False)
+        if not yes:
+            typer.confirm("The arms will move. Go on?", abort=True)
+    session = live.session(resolved, registry, trained, chosen)
+    stop = False
+
+    def interrupted(*_: object) -> None:
+        nonlocal stop
+        stop = True
+
+    previous = signal.signal(signal.SIGINT, interrupted)
+    pulse = live.Pulse()
+    try:
+        with console.status("starting") as line:
+
+            class Shown:
+                def on_step(self, _: object) -> None:
+                    if pulse.turns % 10 == 0:
+                        line.update(live.live_line(pulse, session.controller.robot))
+
+            turns = session.run(seconds=seconds, observers=(pulse, Shown()), stopped=lambda: stop)
+    finally:
+        signal.signal(signal.SIGINT, previous)
+    console.print(f"{turns} turns at {pulse.rate_hz:.1f} Hz, {pulse.held} held; the arms stand")
+
+
+@app.command()
 def check(config: ConfigPath, overrides: Set = None) -> None:
     """Check an experiment file and print it with every default written out."""
     from clothrf_core.config import load
