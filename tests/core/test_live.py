@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+
 from clothrf_core import config, live
 from clothrf_core.clock import ManualClock
 from clothrf_core.errors import ConfigError
@@ -47,7 +48,7 @@ def test_a_simulated_session_runs_for_its_time(toy, toy_experiment):
     resolved = config.load(toy_experiment, toy)
     session = live.session(resolved, toy, Towards(GOAL), "ahead")
     pulse = live.Pulse()
-    turns = session.run(seconds=0.5, observers=(pulse,), clock=ManualClock())
+    turns = session.run(seconds=0.49, observers=(pulse,), clock=ManualClock())
     assert turns == pulse.turns == 15
     assert np.allclose(session.controller.robot.state().positions, GOAL)
 
@@ -67,6 +68,7 @@ def test_in_a_rehearsal_the_cloth_hangs_on_the_robots_grippers(toy, toy_experime
     from types import ModuleType
 
     import clothrf_toy
+
     from clothrf_core import builtin
     from clothrf_core.hookspecs import hookimpl
     from clothrf_core.provider import Provider
