@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from clothrf_core.hookspecs import hookimpl
 from clothrf_core.interfaces import ArmModel, BridgeEnd
-from clothrf_core.provider import BuildContext, Provider
+from clothrf_core.provider import Benchmark, BuildContext, Figure, Provider
 from clothrf_yumi.config import SimulatedEndConfig, YumiConfig
 
 
@@ -36,6 +36,34 @@ def clothrf_bridge_ends() -> Sequence[Provider[BridgeEnd]]:
             extra="yumi",
         )
     ]
+
+
+@hookimpl
+def clothrf_benchmarks() -> Sequence[Benchmark]:
+    """Inverse kinematics, motion limiter and distances."""
+    return [
+        Benchmark("robot", "inverse kinematics of both arms", _bench_ik, needs="yumi"),
+        Benchmark("robot", "motion limiter", _bench_limiter, needs="yumi"),
+        Benchmark("robot", "least distance of all bodies", _bench_checks, needs="yumi"),
+    ]
+
+
+def _bench_ik(quick: bool) -> list[Figure]:  # noqa: FBT001
+    from clothrf_yumi.bench import inverse_kinematics
+
+    return inverse_kinematics(quick=quick)
+
+
+def _bench_limiter(quick: bool) -> list[Figure]:  # noqa: FBT001
+    from clothrf_yumi.bench import limiter
+
+    return limiter(quick=quick)
+
+
+def _bench_checks(quick: bool) -> list[Figure]:  # noqa: FBT001
+    from clothrf_yumi.bench import checks
+
+    return checks(quick=quick)
 
 
 def _yumi(config: YumiConfig, context: BuildContext) -> ArmModel:

@@ -1,7 +1,6 @@
 """Everything that may touch: capsules around the links, boxes around the body, the table.
 
-Distances and normals are coal's. Most pairs are far apart most of the time, so a pair is measured
-only if the spheres around its bodies come near. The capsules hull whole links with the air beside
+Distances and normals are coal's. The capsules hull whole links with the air beside
 them: in the controller's calibration posture, arms folded against the head, they touch it.
 """
 
@@ -12,7 +11,6 @@ from dataclasses import dataclass
 import coal
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
 from clothrf_core.types import Float
 from clothrf_yumi.irb14000 import (
@@ -51,31 +49,20 @@ class Near:
     rows: Float
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Group:
-    """Pairs that tend to be near or far together, with Pinocchio's work space for them."""
-
-    pairs: list[tuple[int, int]]
-    bodies: NDArray[np.intp]
-    geometry: pin.GeometryModel
-    data: pin.GeometryData
-
-
 class Body:
     """Distances between the parts of the robot and to the table; shares `Kinematics`' work space.
 
     Body and table are padded, so that one threshold keeps the arms farther from them than from
-    each other. Pairs stand in groups because Pinocchio names the nearest pair of a group for
-    nothing, while reading all distances from Python takes twice as long as computing them. Each
-    group remembers its least distance: until the joints have turned far enough to have used it up,
-    it need not be measured again. The answers are the same as without that memory.
+    each other. Of each pair a bound is kept that its distance cannot be less than; turning the
+    joints uses it up, and a pair is measured again only when its bound matters. Most pairs are far
+    apart most of the time. The answers are the same as without that memory.
     """
 
     def __init__(self, kinematics: Kinematics, *, table_height: float, padding: float) -> None:
         self._kinematics = kinematics
         self._names: list[str] = []
         self._capsules: list[tuple[int, Float, Float, float]] = []
-        shapes = pin.GeometryModel()
+        self._shapes = shapes = pin.GeometryModel()
         for side in SIDES:
             for axis in AXES:
                 name = f"{side} link {axis.number}"
@@ -89,10 +76,18 @@ class Body:
             shapes.addGeometryObject(
                 pin.GeometryObject(box.name, 0, placement, coal.Box(*(high - low)))
             )
-        self._groups = [_group(shapes, pairs) for pairs in _pair_groups()]
-        self._least = np.full(len(self._groups), -np.inf)
-        self._least_at = np.zeros((len(self._groups), 2 * len(AXES)))
-        self._lever = _levers()
+        self._pairs = _pairs()
+        for pair in self._pairs:
+            shapes.addCollisionPair(pin.CollisionPair(*pair))
+        self._data = shapes.createData()
+        joints = [shape.parentJoint for shape in shapes.geometryObjects]
+        self._bodies = [(joints[i], joints[j]) for i, j in self._pairs]
+        one, other = np.array(self._bodies).T
+        # A joint that carries both bodies of a pair, or none, does not change their distance.
+        self._lever = np.abs(kinematics.moves[one] - kinematics.moves[other]) * _levers()
+        self._bound = np.full(len(self._pairs), -np.inf)
+        self._bound_at = kinematics.q
+        self._nothing = Near(np.zeros(0), np.zeros((0, kinematics.model.nv)))
 
     def _add_capsule(
         self,
@@ -118,7 +113,7 @@ class Body:
     @property
     def pairs(self) -> list[tuple[str, str]]:
         """Names of the pairs that are kept apart."""
-        return [(self._names[i], self._names[j]) for group in self._groups for i, j in group.pairs]
+        return [(self._names[i], self._names[j]) for i, j in self._pairs]
 
     def near(self, margin: float) -> Near:
         """The pairs closer than `margin` metres where `Kinematics.update` left the arms.
@@ -126,53 +121,54 @@ class Body:
         The derivative of a distance is that of its two witness points along coal's normal, which,
         unlike the difference of the points, keeps its sign in penetration.
         """
-        found = []
-        for g in np.flatnonzero(self._bounds() < margin).tolist():
-            group = self._groups[g]
-            if self._nearest(g)[0] >= margin:
-                continue
-            results = group.data.distanceResults
-            for k, result in enumerate(results):
-                distance = result.min_distance
-                if distance < margin:
-                    witnesses = result.getNearestPoint1(), result.getNearestPoint2()
-                    found.append((distance, result.normal, *witnesses, *group.bodies[k]))
-        if not found:
-            return Near(np.zeros(0), np.zeros((0, self._kinematics.model.nv)))
-        distances, normals, first, second, one, other = zip(*found, strict=True)
-        n = np.array(normals)
+        self._place()
+        distances, first, second, one, other = [], [], [], [], []
+        for k in np.flatnonzero(self._bound < margin).tolist():
+            result = self._measure(k)
+            if result.min_distance < margin:
+                normal = result.normal.tolist()
+                distances.append(result.min_distance)
+                first.append(_wrench(normal, result.getNearestPoint1().tolist()))
+                second.append(_wrench(normal, result.getNearestPoint2().tolist()))
+                one.append(self._bodies[k][0])
+                other.append(self._bodies[k][1])
+        if not distances:
+            return self._nothing
         J, moves = self._kinematics.J, self._kinematics.moves
-        rows = (_wrench(n, np.array(second)) @ J) * moves[list(other)]
-        rows -= (_wrench(n, np.array(first)) @ J) * moves[list(one)]
+        rows = (np.array(second) @ J) * moves[other] - (np.array(first) @ J) * moves[one]
         return Near(np.array(distances), rows)
+
+    def closer(self, margin: float) -> bool:
+        """Any pair is closer than `margin` metres."""
+        self._place()
+        pairs = np.flatnonzero(self._bound < margin).tolist()
+        return any(self._measure(k).min_distance < margin for k in pairs)
 
     def clearance(self) -> tuple[float, str]:
         """The least distance of all pairs, metres, and the pair's name."""
-        bounds = self._bounds()
-        best, nearest = np.inf, (0, 0)
-        for g in np.argsort(bounds).tolist():
-            if bounds[g] >= best:
+        self._place()
+        bounds = self._bound.copy()
+        best, nearest = np.inf, 0
+        for k in np.argsort(bounds).tolist():
+            if bounds[k] >= best:
                 break
-            distance, k = self._nearest(g)
+            distance = float(self._measure(k).min_distance)
             if distance < best:
-                best, nearest = distance, self._groups[g].pairs[k]
-        one, other = nearest
+                best, nearest = distance, k
+        one, other = self._pairs[nearest]
         return best, f"{self._names[one]} - {self._names[other]}"
 
-    def _bounds(self) -> Float:
-        """(G,) distances that no pair of a group can be closer than now."""
-        turned = np.abs(self._least_at - self._kinematics.q)
-        bounds: Float = self._least - turned @ self._lever
-        return bounds
+    def _place(self) -> None:
+        """Follow the arms to where `Kinematics.update` left them."""
+        model, data, q = self._kinematics.model, self._kinematics.data, self._kinematics.q
+        pin.updateGeometryPlacements(model, data, self._shapes, self._data)
+        self._bound -= self._lever @ np.abs(q - self._bound_at)
+        self._bound_at = q
 
-    def _nearest(self, g: int) -> tuple[float, int]:
-        """Measure group `g`: its least distance and which pair has it."""
-        group, kinematics = self._groups[g], self._kinematics
-        pin.updateGeometryPlacements(kinematics.model, kinematics.data, group.geometry, group.data)
-        k = int(pin.computeDistances(group.geometry, group.data))
-        distance = float(group.data.distanceResults[k].min_distance)
-        self._least[g], self._least_at[g] = distance, kinematics.q
-        return distance, k
+    def _measure(self, k: int) -> coal.DistanceResult:
+        result = pin.computeDistance(self._shapes, self._data, k)
+        self._bound[k] = result.min_distance
+        return result
 
     def capsules(self) -> list[tuple[Float, Float, float]]:
         """(start, end, radius) of all capsules where `Kinematics` has the arms; world."""
@@ -183,17 +179,16 @@ class Body:
         ]
 
 
-def _pair_groups() -> list[list[tuple[int, int]]]:
+def _pairs() -> list[tuple[int, int]]:
     """Pairs of shapes: links of the left arm from 0, of the right arm from 9, boxes from 18."""
     n, boxes = len(LINKS), len(BODY) + 1
-    fixed = len(FIXED_LINKS)
     # The two first links stand still beside each other.
-    between = [
-        [(i, n + j) for i in rows for j in range(n) if i + j > 0]
-        for rows in ((0, 1, 2), (3, 4), (5, 6), (7, 8))
-    ]
+    between = [(i, n + j) for i in range(n) for j in range(n) if i + j > 0]
     around = [
-        [(a + i, 2 * n + box) for a in (0, n) for i in range(fixed, n)] for box in range(boxes)
+        (a + i, 2 * n + box)
+        for a in (0, n)
+        for i in range(len(FIXED_LINKS), n)
+        for box in range(boxes)
     ]
     within = [
         (a + LINKS.index(one), a + LINKS.index(other))
@@ -201,7 +196,7 @@ def _pair_groups() -> list[list[tuple[int, int]]]:
         for one, others in WITHIN_ARM.items()
         for other in others
     ]
-    return [*between, *around, within]
+    return [*between, *around, *within]
 
 
 def _levers() -> Float:
@@ -213,15 +208,7 @@ def _levers() -> Float:
     return np.array(arm + arm)
 
 
-def _group(shapes: pin.GeometryModel, pairs: list[tuple[int, int]]) -> _Group:
-    geometry = pin.GeometryModel(shapes)
-    for pair in pairs:
-        geometry.addCollisionPair(pin.CollisionPair(*pair))
-    joints = np.array([shape.parentJoint for shape in shapes.geometryObjects])
-    return _Group(pairs, joints[np.array(pairs)], geometry, geometry.createData())
-
-
-def _wrench(normals: Float, points: Float) -> Float:
-    """(K, 6) rows w with w @ (v, omega) = n . (v + omega x p)."""
-    (nx, ny, nz), (px, py, pz) = normals.T, points.T
-    return np.stack([nx, ny, nz, py * nz - pz * ny, pz * nx - px * nz, px * ny - py * nx], axis=1)
+def _wrench(n: list[float], p: list[float]) -> tuple[float, ...]:
+    """Row w with w @ (v, omega) = n . (v + omega x p)."""
+    (nx, ny, nz), (px, py, pz) = n, p
+    return nx, ny, nz, py * nz - pz * ny, pz * nx - px * nz, px * ny - py * nx

@@ -11,6 +11,7 @@ come from speed and position limits and hold exactly; x = 0 is always a solution
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import daqp
@@ -24,6 +25,11 @@ from clothrf_yumi.kinematics import Kinematics
 from clothrf_yumi.limits import Limits
 
 NEAR_M = 0.05  # pairs closer than this get a row
+CURVATURE_M = 5e-4  # what a step may come closer than its rows say
+SHARES = (0.5, 0.25, 0.1, 0.0)
+SETTLED_RAD = 1e-4  # an iteration that turns no joint farther is the last
+PROGRESS = 0.02  # an arm that gets nearer by a smaller share of its path is not on its way
+LEVENBERG = 1e-2  # damping a square metre of error
 STALE_RAD = 0.02  # turned farther than this, distances are measured again
 OPTIMAL = 1  # daqp's exit flag
 
@@ -94,11 +100,9 @@ class InverseKinematics:
         self._kinematics, self._body = kinematics, body
         self._limits, self._ready, self._rotations = limits, ready, rotations
         self._weights, self._patience = weights, patience
-        self._identity = np.eye(ready.size)
+        self._unhurried = patience.turn / limits.velocity.max()
         self._no_rows = np.zeros((0, ready.size))
         self._tasks = 6 if weights.orientation == 0.0 else 12
-        self._scale = np.ones((self._tasks, 1))
-        self._scale[6:] = weights.orientation
 
     def solve(self, q: Float, targets: Float, dt: float) -> Float:
         """(14,) posture within `dt` seconds of `q` that brings the grippers nearest to `targets`.
@@ -109,26 +113,43 @@ class InverseKinematics:
         q, targets = _checked("q", q, self._ready.shape), _checked("targets", targets, (2, 3))
         kinematics, patience, limits = self._kinematics, self._patience, self._limits
         kinematics.update(q)
-        gaps = targets - kinematics.points
-        self._refuse_jumps(targets, gaps)
+        begin = kinematics.points.copy()
+        gaps = targets - begin
+        self._refuse_jumps(gaps)
         room = limits.velocity * dt
         # Outside the limits the only way is back, as fast as allowed.
         low = q + np.maximum(-room, np.minimum(limits.soft_lower - q, room))
         high = q + np.minimum(room, np.maximum(limits.soft_upper - q, -room))
         x, seen, near = q, q, self._body.near(NEAR_M)
+        floor = min([patience.clearance - CURVATURE_M, *near.distance.tolist()])
         for _ in range(patience.iterations):
-            if np.abs(x - seen).max() > STALE_RAD:
+            if x is not seen and np.abs(x - seen).max() > STALE_RAD:
                 seen, near = x, self._body.near(NEAR_M)
             wanted = self._step(x, gaps, low - x, high - x, dt, near, x - seen)
             moved = np.minimum(np.maximum(x + wanted, low), high)
-            stuck = np.abs(moved - x).max() < 1e-4
-            x = moved
+            change, x = moved - x, moved
             kinematics.update(x)
             gaps = targets - kinematics.points
-            if stuck or np.einsum("ij,ij->i", gaps, gaps).max() < patience.tolerance**2:
+            if max(_lengths(gaps)) < patience.tolerance or np.abs(change).max() < SETTLED_RAD:
                 break
-        self._refuse_unreachable(q, x, room, targets, gaps)
-        return x
+        apart = self._stay_apart(q, x, floor)
+        fast = bool((np.abs(apart - q) >= room * (1.0 - 1e-6)).any())
+        self._refuse_unreachable(begin, targets, fast=fast, shortened=apart is not x)
+        return apart
+
+    def _stay_apart(self, q: Float, x: Float, floor: float) -> Float:
+        """The part of the step from `q` to `x` after which nothing is closer than `floor`.
+
+        The rows are straight lines through curved distances and see 5 cm far: long steps need this.
+        """
+        if not self._body.closer(floor):
+            return x
+        for share in SHARES:
+            part = q + share * (x - q)
+            self._kinematics.update(part)
+            if not self._body.closer(floor):
+                break
+        return part
 
     def _step(
         self,
@@ -141,20 +162,25 @@ class InverseKinematics:
         moved: Float,
     ) -> Float:
         weights, turn = self._weights, self._patience.turn
-        J = self._kinematics.grasp_jacobian()[: self._tasks] * self._scale
+        J = self._kinematics.grasp_jacobian()[: self._tasks]
         error = np.empty(self._tasks)
         error[:6] = gaps.ravel()
         if self._tasks == 12:
-            for i, R in enumerate(self._kinematics.rotations()):
-                turn_left = pin.log3(self._rotations[i] @ R.T)
-                error[6 + 3 * i : 9 + 3 * i] = weights.orientation * turn_left
+            one, other = self._kinematics.rotations()
+            error[6:9] = pin.log3(self._rotations[0] @ one.T)
+            error[9:] = pin.log3(self._rotations[1] @ other.T)
+            error[6:] *= weights.orientation
+            J[6:] *= weights.orientation
         stiffness = weights.posture**2
-        drift = (self._ready - x) * min(1.0, weights.posture_rate * dt)
+        pull = stiffness * min(1.0, weights.posture_rate * dt)
         # Levenberg's damping grows with the error: far targets are approached in steady steps.
-        damping = weights.damping + stiffness + 1e-2 * float(error[:6] @ error[:6])
-        H = J.T @ J + damping * self._identity
-        f = -(error @ J) - stiffness * drift
-        upper, lower = np.minimum(high, turn), np.maximum(low, -turn)
+        damping = weights.damping + stiffness + LEVENBERG * float(gaps.ravel() @ gaps.ravel())
+        H = J.T @ J
+        H.flat[:: H.shape[0] + 1] += damping
+        f = pull * (x - self._ready) - error @ J
+        lower, upper = low, high
+        if dt > self._unhurried:
+            lower, upper = np.clip(low, -turn, turn), np.clip(high, -turn, turn)
         rows = self._no_rows
         if near.distance.size:
             rows = near.rows
@@ -172,9 +198,9 @@ class InverseKinematics:
         result: Float = step
         return result
 
-    def _refuse_jumps(self, targets: Float, gaps: Float) -> None:
-        jumps = np.linalg.norm(gaps, axis=1)
-        i = int(np.argmax(jumps))
+    def _refuse_jumps(self, gaps: Float) -> None:
+        jumps = _lengths(gaps)
+        i = jumps.index(max(jumps))
         if jumps[i] > self._patience.jump:
             raise RefusedTarget(
                 f"targets[{i}]: expected at most {self._patience.jump} m from the gripper, got "
@@ -182,18 +208,20 @@ class InverseKinematics:
             )
 
     def _refuse_unreachable(
-        self, q: Float, x: Float, room: Float, targets: Float, gaps: Float
+        self, begin: Float, targets: Float, *, fast: bool, shortened: bool
     ) -> None:
-        distances = np.linalg.norm(gaps, axis=1)
-        i = int(np.argmax(distances))
+        points = self._kinematics.points
+        distances = _lengths(targets - points)
+        i = distances.index(max(distances))
         if distances[i] <= self._patience.reach:
             return
-        if np.any(np.abs(x - q) >= room * (1.0 - 1e-6)):
-            return  # on its way as fast as it may
+        progress = _lengths(targets - begin)[i] - distances[i]
+        if fast and progress > PROGRESS * _lengths(points - begin)[i]:
+            return
         clearance, pair = self._body.clearance()
         reason = (
             f"blocked by {pair}"
-            if clearance < self._patience.clearance + 0.002
+            if shortened or clearance < self._patience.clearance + 0.002
             else "the joint limits end there"
         )
         raise RefusedTarget(
@@ -202,10 +230,16 @@ class InverseKinematics:
         )
 
 
+def _lengths(vectors: Float) -> list[float]:
+    # Two short vectors: the standard library is faster than numpy here.
+    return [math.hypot(*vector) for vector in vectors.tolist()]
+
+
 def _checked(name: str, values: Float, shape: tuple[int, ...]) -> Float:
     array = np.asarray(values, dtype=np.float64)
     if array.shape != shape:
         raise RefusedTarget(f"{name}: expected shape {shape}, got {array.shape}")
-    if not np.isfinite(array).all():
+    flat = array.ravel()
+    if not math.isfinite(flat @ flat):
         raise RefusedTarget(f"{name}: expected finite numbers, got {array.tolist()}")
     return array

@@ -7,6 +7,8 @@ set: the community version would send them to a server.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import ruckig
 from typing_extensions import override
@@ -29,8 +31,8 @@ class RuckigLimiter(JointLimiter):
     Args:
         limits: bounds of every tick.
         dt: period of the ticks, seconds.
-        q: (J,) posture at rest to start from; clamped to the soft limits by at most nothing: a
-            posture outside them is refused.
+        q: (J,) posture at rest to start from. Between a soft and a hard limit is allowed: the
+            first target leads back inside.
 
     Raises:
         RefusedTarget: `q` is not finite, of the wrong length or outside the hard limits.
@@ -62,21 +64,22 @@ class RuckigLimiter(JointLimiter):
         self._input.target_acceleration = [0.0] * joints
         self._input.current_position = start.tolist()
         self._input.target_position = start.tolist()
-        self._target = start
+        self._target = start.tobytes()
         self._stopping = False
         self._rest = True
 
     @override
     def tick(self, target: Float) -> tuple[Float, Float, Float]:
-        wanted = np.clip(_checked("target", target, self._joints), self._low, self._high)
+        wanted = _checked("target", target, self._joints)
+        wanted = np.minimum(np.maximum(wanted, self._low), self._high)
         if self._stopping:
             self._input.control_interface = ruckig.ControlInterface.Position
             self._input.max_acceleration = self._cruise
             self._stopping = False
-            self._target = np.full(self._joints, np.nan)
-        if not np.array_equal(wanted, self._target):
+            self._target = b""
+        if wanted.tobytes() != self._target:  # setting it anew would make Ruckig plan anew
             self._input.target_position = wanted.tolist()
-            self._target = wanted
+            self._target = wanted.tobytes()
         return self._advance()
 
     @override
@@ -96,7 +99,7 @@ class RuckigLimiter(JointLimiter):
         q = np.array(self._output.new_position)
         qd = np.array(self._output.new_velocity)
         qdd = np.array(self._output.new_acceleration)
-        self._rest = result == ruckig.Result.Finished or not (qd.any() or qdd.any())
+        self._rest = result == ruckig.Result.Finished
         return q, qd, qdd
 
     @property
@@ -110,8 +113,8 @@ def _checked(name: str, values: Float, joints: int) -> Float:
     array = np.array(values, dtype=np.float64)
     if array.shape != (joints,):
         raise RefusedTarget(f"limiter: {name}: expected {joints} joints, got shape {array.shape}")
-    if not np.isfinite(array).all():
-        bad = int(np.flatnonzero(~np.isfinite(array))[0])
+    if not math.isfinite(array @ array):
+        bad = int(np.argmin(np.isfinite(array)))
         raise RefusedTarget(
             f"limiter: {name}: expected finite angles, got {array[bad]} at joint {bad}"
         )
