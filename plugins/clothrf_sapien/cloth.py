@@ -38,7 +38,10 @@ class Cloths:
         self._pins = np.array(pins, dtype=np.int64)
         self._columns = weaves[0].columns
         self._ends = neighbours(self._columns)
-        self._half_width = 3 * (max(self._columns, 2) + 1) + 2
+        half_width = 3 * (max(self._columns, 2) + 1) + 2
+        self._shape = band_shape(3 * self.x.shape[1], half_width)
+        self._free = np.ones(self.x.shape[1], dtype=np.bool_)
+        self._free[self._pins] = False
         self._sheets = tuple(
             np.stack([getattr(w, name) for w in weaves])
             for name in ("springs", "lengths", "limits", "bending", "mass")
@@ -47,7 +50,7 @@ class Cloths:
         self._bands = [self._band()]
 
     def _band(self) -> NDArray[np.float32]:
-        return np.zeros(band_shape(3 * self.x.shape[1], self._half_width), np.float32)
+        return np.zeros(self._shape[0] * self._shape[1], np.float32)
 
     def advance(
         self,
@@ -60,7 +63,7 @@ class Cloths:
         extra_drag: float = 0.0,
         only: Sequence[int] | None = None,
         threads: int = 1,
-    ) -> int:
+    ) -> NDArray[np.int64]:
         """Move the pinned vertices to (N, P, 3) `targets` within `dt` seconds.
 
         Args:
@@ -74,28 +77,30 @@ class Cloths:
             threads: that share the cloths.
 
         Returns:
-            Newton iterations done.
+            (M, 2) evaluations and factors of each cloth that moved.
         """
-        effort = Effort(substeps, iterations, tolerance, self._half_width)
+        effort = Effort(substeps, iterations, tolerance)
         chosen = list(range(self.count)) if only is None else list(only)
         parts = [p for p in np.array_split(np.array(chosen, int), max(threads, 1)) if len(p)]
         while len(self._bands) < len(parts):
             self._bands.append(self._band())
 
-        def work(part: NDArray[np.int64], band: NDArray[np.float32]) -> int:
+        def work(part: NDArray[np.int64], band: NDArray[np.float32]) -> NDArray[np.int64]:
             pick = slice(int(part[0]), int(part[-1]) + 1)
             whole = len(part) == pick.stop - pick.start
             where = pick if whole else part
             x, v = self.x[where], self.v[where]
             numbers = self._numbers[where] + np.array([0.0, extra_drag, 0.0])
             sheets = (*(array[where] for array in self._sheets), numbers)
-            goals, topology = targets[where], (self._ends, self._columns)
-            done = advance(x, v, self._pins, goals, sheets, *topology, dt, effort, band)
+            goals, topology = targets[where], (self._free, self._ends, self._columns)
+            tally = np.zeros((len(part), 2), np.int64)
+            columns = self._shape[1]
+            advance(x, v, self._pins, goals, sheets, *topology, dt, effort, band, columns, tally)
             if not whole:
                 self.x[where], self.v[where] = x, v
-            return int(done)
+            return tally
 
         if len(parts) == 1:
             return work(parts[0], self._bands[0])
         with ThreadPoolExecutor(len(parts)) as pool:
-            return sum(pool.map(work, parts, self._bands))
+            return np.concatenate(list(pool.map(work, parts, self._bands)))

@@ -13,11 +13,11 @@ class ClothOptions(Section):
     substeps: int = Field(1, ge=1, le=32, description="implicit Euler steps per call of `step`")
     iterations: int = Field(20, ge=1, le=200, description="most Newton iterations a substep")
     tolerance: float = Field(
-        5.0e-4, gt=0.0, description="m; Newton stops when its longest move is shorter"
+        1.0e-3, gt=0.0, description="m; Newton stops when its longest move is shorter"
     )
     strain_limit: float = Field(
         0.005, ge=0.0, description="edge strain beyond which the threads of the weave are taut"
     )
     taut: float = Field(
-        10.0, ge=0.0, description="extra stiffness beyond the strain limit, times the stretch's"
+        5.0, ge=0.0, description="extra stiffness beyond the strain limit, times the stretch's"
     )

@@ -32,6 +32,7 @@ class Sheet(NamedTuple):
         bending: (3, V) weights, N/m.
         mass: (V,) kg.
         numbers: (3,) damping time s, drag 1/s, taut stiffness over stretch stiffness.
+        free: (V,) bool, False where the vertex is pinned.
         columns: C.
         ends: (4, 2) offsets in the vertex number of both ends of each family of springs.
     """
@@ -42,6 +43,7 @@ class Sheet(NamedTuple):
     bending: Any
     mass: Any
     numbers: Any
+    free: Any
     columns: Any
     ends: Any
 
@@ -112,130 +114,42 @@ def measure(x, sheet, out):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def energy(x, sheet, past, work):  # type: ignore[no-untyped-def]
-    """E(x) of the module's docstring, J; `work` is (V, 3) scratch."""
-    y, x_n, l_n, bent_n, h = past.y, past.x, past.lengths, past.bent, past.h
-    damping, drag, taut = sheet.numbers[0], sheet.numbers[1], sheet.numbers[2]
-    mass, springs = sheet.mass, sheet.springs
-    num = x.shape[0]
-    ratio = damping / h
-    total = 0.0
-    bend(x, sheet, work)
-    for a in range(num):
-        m = mass[a]
-        s = 0.0
-        d = 0.0
-        b = 0.0
-        for i in range(3):
-            s += (x[a, i] - y[a, i]) ** 2
-            d += (x[a, i] - x_n[a, i]) ** 2
-            b += x[a, i] * (0.5 * (1.0 + ratio) * work[a, i] - ratio * bent_n[a, i])
-        total += 0.5 * m / (h * h) * s + 0.5 * m * drag / h * d + b
-    for f in range(4):
-        p, q = sheet.ends[f, 0], sheet.ends[f, 1]
-        length, limit = sheet.lengths[f], sheet.limits[f]
-        for a in range(num):
-            k = springs[f, a]
-            if k == 0.0:
-                continue
-            dx = x[a + q, 0] - x[a + p, 0]
-            dy = x[a + q, 1] - x[a + p, 1]
-            dz = x[a + q, 2] - x[a + p, 2]
-            size = np.sqrt(dx * dx + dy * dy + dz * dz)
-            e = size - length
-            r = size - l_n[f, a]
-            o = max(size - limit, 0.0)
-            total += 0.5 * k * (e * e + taut * o * o + ratio * r * r)
-    return total
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def start(A, g, x, sheet, past, work):  # type: ignore[no-untyped-def]
-    """Inertia, drag and bending: the first terms of gradient and Hessian.
-
-    The bending's Hessian reaches two rows far, which would double the band; of each second
-    difference across rows the entry that links row r - 1 with r + 1 is left out and added to both
-    diagonal entries instead. That adds (x_{r-1} - x_{r+1})^2 to the quadratic model, never
-    subtracts: the model stays above E, the gradient is exact.
+def evaluate(x, sheet, past, g, local, work):  # type: ignore[no-untyped-def]
+    """E(x), its gradient, and the springs' part of its projected Hessian.
 
     Args:
-        A: `band_shape` array, overwritten.
-        g: (V, 3) gradient, overwritten.
         x: (V, 3) positions.
         sheet: the cloth.
         past: what the step starts from.
+        g: (V, 3) gradient, overwritten; zero at pinned vertices.
+        local: (5, V, 6) float32, overwritten: xx, xy, xz, yy, yz, zz of every spring's block (four
+            families) and, last, of every vertex' sum of the blocks of its springs.
         work: (V, 3) scratch.
+
+    Returns:
+        E(x), J.
     """
     num = x.shape[0]
-    y, x_n, bent_n, h = past.y, past.x, past.bent, past.h
-    bending, mass, columns = sheet.bending, sheet.mass, sheet.columns
-    drag = sheet.numbers[1]
-    ratio = sheet.numbers[0] / h
+    y, x_n, l_n, bent_n, h = past.y, past.x, past.lengths, past.bent, past.h
+    damping, drag, taut = sheet.numbers[0], sheet.numbers[1], sheet.numbers[2]
+    mass, springs = sheet.mass, sheet.springs
+    ratio = damping / h
+    total = 0.0
     bend(x, sheet, work)
-    A[:] = 0.0
-    one = A.dtype.type(1.0)
-    for j in range(3 * num, A.shape[0]):
-        A[j, 0] = one
+    local[4] = 0.0
     for a in range(num):
         m = mass[a] / (h * h)
         d = mass[a] * drag / h
         for i in range(3):
-            g[a, i] = (
-                m * (x[a, i] - y[a, i])
-                + d * (x[a, i] - x_n[a, i])
-                + (1.0 + ratio) * work[a, i]
-                - ratio * bent_n[a, i]
-            )
-            A[3 * a + i, 0] += m + d
-    scale = 1.0 + ratio
-    for a in range(num):
-        w = bending[0, a] * scale
-        if w != 0.0:
-            for i in range(3):
-                j = 3 * a + i
-                A[j - 3, 0] += w
-                A[j, 0] += 4.0 * w
-                A[j + 3, 0] += w
-                A[j - 3, 3] -= 2.0 * w
-                A[j, 3] -= 2.0 * w
-                A[j - 3, 6] += w
-        w = bending[1, a] * scale
-        if w != 0.0:
-            o = 3 * columns
-            for i in range(3):
-                j = 3 * a + i
-                A[j - o, 0] += 2.0 * w
-                A[j, 0] += 4.0 * w
-                A[j + o, 0] += 2.0 * w
-                A[j - o, o] -= 2.0 * w
-                A[j, o] -= 2.0 * w
-        w = bending[2, a] * scale
-        if w != 0.0:
-            o = 3 * columns
-            for i in range(3):
-                j = 3 * a + i
-                A[j, 0] += w
-                A[j + 3, 0] += w
-                A[j + o, 0] += w
-                A[j + o + 3, 0] += w
-                A[j, 3] -= w
-                A[j, o] -= w
-                A[j, o + 3] += w
-                A[j + 3, o - 3] += w
-                A[j + 3, o] -= w
-                A[j + o, 3] -= w
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def stretch(A, g, x, sheet, past):  # type: ignore[no-untyped-def]
-    """Add the springs' forces to the gradient and their projected Hessian to the band."""
-    num = x.shape[0]
-    springs, l_n = sheet.springs, past.lengths
-    taut = sheet.numbers[2]
-    ratio = sheet.numbers[0] / past.h
+            from_y = x[a, i] - y[a, i]
+            from_n = x[a, i] - x_n[a, i]
+            bent = (1.0 + ratio) * work[a, i]
+            before = ratio * bent_n[a, i]
+            total += 0.5 * (m * from_y * from_y + d * from_n * from_n)
+            total += x[a, i] * (0.5 * bent - before)
+            g[a, i] = m * from_y + d * from_n + bent - before
     for f in range(4):
         p, q = sheet.ends[f, 0], sheet.ends[f, 1]
-        o = 3 * (q - p)
         length, limit = sheet.lengths[f], sheet.limits[f]
         for a in range(num):
             k = springs[f, a]
@@ -250,51 +164,143 @@ def stretch(A, g, x, sheet, past):  # type: ignore[no-untyped-def]
             dx *= inverse
             dy *= inverse
             dz *= inverse
-            force = k * (size - length) + k * ratio * (size - l_n[f, a])
+            e = size - length
+            r = size - l_n[f, a]
+            o = max(size - limit, 0.0)
+            total += 0.5 * k * (e * e + ratio * r * r + taut * o * o)
+            force = k * (e + ratio * r + taut * o)
             slope = k * (1.0 + ratio)
-            if size > limit:
-                force += taut * k * (size - limit)
+            if o > 0.0:
                 slope += taut * k
-            g[u, 0] -= force * dx
-            g[u, 1] -= force * dy
-            g[u, 2] -= force * dz
-            g[v, 0] += force * dx
-            g[v, 1] += force * dy
-            g[v, 2] += force * dz
+            fx, fy, fz = force * dx, force * dy, force * dz
+            g[u, 0] -= fx
+            g[u, 1] -= fy
+            g[u, 2] -= fz
+            g[v, 0] += fx
+            g[v, 1] += fy
+            g[v, 2] += fz
             across = max(force, 0.0) * inverse
             slope -= across
             sx, sy, sz = slope * dx, slope * dy, slope * dz
-            xx, xy, xz = sx * dx + across, sx * dy, sx * dz
-            yy, yz, zz = sy * dy + across, sy * dz, sz * dz + across
-            for j in (3 * u, 3 * v):
-                A[j, 0] += xx
-                A[j, 1] += xy
-                A[j, 2] += xz
-                A[j + 1, 0] += yy
-                A[j + 1, 1] += yz
-                A[j + 2, 0] += zz
-            j = 3 * u
-            A[j, o] -= xx
-            A[j, o + 1] -= xy
-            A[j, o + 2] -= xz
-            A[j + 1, o - 1] -= xy
-            A[j + 1, o] -= yy
-            A[j + 1, o + 1] -= yz
-            A[j + 2, o - 2] -= xz
-            A[j + 2, o - 1] -= yz
-            A[j + 2, o] -= zz
+            local[f, a, 0] = sx * dx + across
+            local[f, a, 1] = sx * dy
+            local[f, a, 2] = sx * dz
+            local[f, a, 3] = sy * dy + across
+            local[f, a, 4] = sy * dz
+            local[f, a, 5] = sz * dz + across
+            for i in range(6):
+                local[4, u, i] += local[f, a, i]
+                local[4, v, i] += local[f, a, i]
+    for a in range(num):
+        if not sheet.free[a]:
+            g[a, 0] = 0.0
+            g[a, 1] = 0.0
+            g[a, 2] = 0.0
+    return total
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def hold(A, g, pins, half_width):  # type: ignore[no-untyped-def]
-    """Take the pinned vertices out of the unknowns: identity rows, no force."""
-    one = A.dtype.type(1.0)
-    zero = A.dtype.type(0.0)
-    for a in pins:
-        for j in range(3 * a, 3 * a + 3):
-            for t in range(half_width + 1):
-                A[j, t] = zero
-            for t in range(1, min(half_width, j) + 1):
-                A[j - t, t] = zero
-            A[j, 0] = one
-            g[a, j - 3 * a] = 0.0
+def constant_part(sheet, h, out):  # type: ignore[no-untyped-def]
+    """What inertia, drag and bending add to the Hessian: one number for x, y and z alike.
+
+    The bending's Hessian reaches two rows far, which would double the band; of each second
+    difference across rows the entry that links row r - 1 with r + 1 is left out and added to both
+    diagonal entries instead. That adds (x_{r-1} - x_{r+1})^2 to the quadratic model, never
+    subtracts: the model stays above E, the gradient is exact.
+
+    Args:
+        sheet: the cloth.
+        h: the step, s.
+        out: (6, V), overwritten: the entries of vertex a with a + 0, 1, 2, C - 1, C, C + 1.
+    """
+    num = out.shape[1]
+    columns, bending = sheet.columns, sheet.bending
+    scale = 1.0 + sheet.numbers[0] / h
+    out[:] = 0.0
+    for a in range(num):
+        out[0, a] += sheet.mass[a] * (1.0 / (h * h) + sheet.numbers[1] / h)
+        w = bending[0, a] * scale
+        if w != 0.0:
+            out[0, a - 1] += w
+            out[0, a] += 4.0 * w
+            out[0, a + 1] += w
+            out[1, a - 1] -= 2.0 * w
+            out[1, a] -= 2.0 * w
+            out[2, a - 1] += w
+        w = bending[1, a] * scale
+        if w != 0.0:
+            out[0, a - columns] += 2.0 * w
+            out[0, a] += 4.0 * w
+            out[0, a + columns] += 2.0 * w
+            out[4, a - columns] -= 2.0 * w
+            out[4, a] -= 2.0 * w
+        w = bending[2, a] * scale
+        if w != 0.0:
+            b = a + columns
+            out[0, a] += w
+            out[0, a + 1] += w
+            out[0, b] += w
+            out[0, b + 1] += w
+            out[1, a] -= w
+            out[1, b] -= w
+            out[3, a + 1] += w
+            out[4, a] -= w
+            out[4, a + 1] -= w
+            out[5, a] += w
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def assemble(A, S, local, constant, sheet):  # type: ignore[no-untyped-def]
+    """The projected Hessian in the layout of `banded`; identity at pinned vertices.
+
+    Args:
+        A: flat float32, overwritten.
+        S: floats a column.
+        local: as `evaluate` left it.
+        constant: as `constant_part` left it.
+        sheet: the cloth.
+    """
+    num = constant.shape[1]
+    free = sheet.free
+    A[:] = 0.0
+    for j in range(3 * num, len(A) // S):
+        A[j * S + (j & 7)] = 1.0
+    for a in range(num):
+        j0 = 3 * a * S + (3 * a & 7)
+        j1 = (3 * a + 1) * S + (3 * a + 1 & 7) - 1
+        j2 = (3 * a + 2) * S + (3 * a + 2 & 7) - 2
+        if not free[a]:
+            A[j0] = 1.0
+            A[j1 + 1] = 1.0
+            A[j2 + 2] = 1.0
+            continue
+        own = local[4, a]
+        c = constant[0, a]
+        A[j0] = own[0] + c
+        A[j0 + 1] = own[1]
+        A[j0 + 2] = own[2]
+        A[j1 + 1] = own[3] + c
+        A[j1 + 2] = own[4]
+        A[j2 + 2] = own[5] + c
+        if a + 2 < num and free[a + 2]:
+            c = constant[2, a]
+            A[j0 + 6] += c
+            A[j1 + 7] += c
+            A[j2 + 8] += c
+        for f in range(4):
+            q = sheet.ends[f, 1] - sheet.ends[f, 0]
+            at = a - sheet.ends[f, 0]
+            if at < 0 or a + q >= num or not free[a + q]:
+                continue
+            block = local[f, at]
+            c = constant[1 if f == 0 else (4 if f == 1 else (5 if f == 2 else 3)), a]
+            o = 3 * q
+            A[j0 + o] += c - block[0]
+            A[j0 + o + 1] -= block[1]
+            A[j0 + o + 2] -= block[2]
+            A[j1 + o] -= block[1]
+            A[j1 + o + 1] += c - block[3]
+            A[j1 + o + 2] -= block[4]
+            A[j2 + o] -= block[2]
+            A[j2 + o + 1] -= block[4]
+            A[j2 + o + 2] += c - block[5]

@@ -1,4 +1,11 @@
-"""Implicit Euler steps by Newton's method with a line search, one cloth or many a call."""
+"""Implicit Euler steps: the incremental potential minimised by Newton's method, compiled.
+
+Every Newton step factors the projected Hessian anew and is checked by a line search, so the
+potential never rises. Measured on a 21 x 24 cloth, 2,000 steps of the tasks: 1.6 factors and 2.6
+evaluations a control step. Reusing a factor for the next steps, also as the seed of a quasi-Newton
+method (L-BFGS, memory 3 to 10), saved nothing: the springs turn too far. Nor did the full bending
+Hessian, at four times the price of a factor.
+"""
 
 from __future__ import annotations
 
@@ -8,10 +15,12 @@ import numpy as np
 from numba import njit
 
 from clothrf_sapien.banded import factor, solve
-from clothrf_sapien.elements import Past, Sheet, bend, energy, hold, measure, start, stretch
+from clothrf_sapien.elements import Past, Sheet, assemble, bend, constant_part, evaluate, measure
 
 GRAVITY = 9.81
 ARMIJO = 1e-4
+ROUND_OFF = 1e-13
+"""J; differences of the potential below this mean nothing."""
 
 
 class Effort(NamedTuple):
@@ -19,67 +28,73 @@ class Effort(NamedTuple):
 
     Attributes:
         substeps: implicit Euler steps a control step.
-        iterations: most Newton iterations a substep.
-        tolerance: m; Newton stops when no vertex moved farther.
-        half_width: of the band.
+        iterations: most Newton steps a substep.
+        tolerance: m; done when no vertex moved farther.
     """
 
     substeps: Any
     iterations: Any
     tolerance: Any
-    half_width: Any
 
 
 class Scratch(NamedTuple):
-    """Memory that outlives no step: (V, 3) arrays, the band `A` and its right-hand side `b`."""
+    """Memory that outlives no step.
+
+    Attributes:
+        A: flat band; S floats a column.
+        S: floats a column.
+        p: step, float32, padded with zeros.
+        g: (V, 3) gradient.
+        trial: (V, 3) positions.
+        work: (V, 3).
+        local: (5, V, 6) blocks of `evaluate`.
+        constant: (6, V) of `constant_part`.
+    """
 
     A: Any
-    b: Any
+    S: Any
+    p: Any
     g: Any
     trial: Any
     work: Any
+    local: Any
+    constant: Any
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def descend(x, sheet, past, pins, effort, scratch):  # type: ignore[no-untyped-def]
+def descend(x, sheet, past, effort, scratch):  # type: ignore[no-untyped-def]
     """Minimise the incremental potential from `x` on, in place.
 
     Args:
         x: (V, 3) first guess, pinned vertices where they will be; replaced.
         sheet: the cloth.
         past: what the step starts from.
-        pins: (P,) pinned vertices.
         effort: when to stop.
         scratch: memory.
 
     Returns:
-        Newton iterations done.
+        Evaluations of the potential and factors made.
     """
-    A, b, g, trial, work = scratch.A, scratch.b, scratch.g, scratch.trial, scratch.work
+    A, S, p, g, trial = scratch.A, scratch.S, scratch.p, scratch.g, scratch.trial
     num = x.shape[0]
-    n = 3 * num
-    padded = -(-n // 4) * 4
-    e = energy(x, sheet, past, work)
-    done = 0
+    e = evaluate(x, sheet, past, g, scratch.local, scratch.work)
+    evaluations = 1
+    factors = 0
     for _ in range(effort.iterations):
-        start(A, g, x, sheet, past, work)
-        stretch(A, g, x, sheet, past)
-        hold(A, g, pins, effort.half_width)
-        factor(A, padded, effort.half_width)
+        assemble(A, S, scratch.local, scratch.constant, sheet)
+        factor(A, len(p), S)
+        factors += 1
+        p[:] = 0.0
         for a in range(num):
             for i in range(3):
-                b[3 * a + i] = -g[a, i]
-        b[n:] = 0.0
-        solve(A, padded, effort.half_width, b)
-        done += 1
+                p[3 * a + i] = -g[a, i]
+        solve(A, len(p), S, p)
         slope = 0.0
         longest = 0.0
         for a in range(num):
-            move = 0.0
-            for i in range(3):
-                slope += g[a, i] * b[3 * a + i]
-                move += b[3 * a + i] * b[3 * a + i]
-            longest = max(longest, move)
+            px, py, pz = p[3 * a], p[3 * a + 1], p[3 * a + 2]
+            slope += g[a, 0] * px + g[a, 1] * py + g[a, 2] * pz
+            longest = max(longest, px * px + py * py + pz * pz)
         longest = np.sqrt(longest)
         if not (np.isfinite(longest) and slope < 0.0):
             break
@@ -88,23 +103,28 @@ def descend(x, sheet, past, pins, effort, scratch):  # type: ignore[no-untyped-d
         for _ in range(20):
             for a in range(num):
                 for i in range(3):
-                    trial[a, i] = x[a, i] + alpha * b[3 * a + i]
-            e_trial = energy(trial, sheet, past, work)
-            if e_trial <= e + ARMIJO * alpha * slope + 1e-13:
+                    trial[a, i] = x[a, i] + alpha * p[3 * a + i]
+            e_trial = evaluate(trial, sheet, past, g, scratch.local, scratch.work)
+            evaluations += 1
+            if e_trial <= e + ARMIJO * alpha * slope + ROUND_OFF:
                 found = True
                 break
-            alpha *= 0.5
+            # The parabola through both energies and the slope, kept within a tenth and a half.
+            best = -0.5 * slope * alpha / ((e_trial - e) / alpha - slope)
+            alpha = min(max(best, 0.1 * alpha), 0.5 * alpha)
         if not found:
             break
         x[:] = trial
         e = e_trial
         if alpha * longest < effort.tolerance:
             break
-    return done
+    return evaluations, factors
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def advance(x, v, pins, targets, sheets, ends, columns, dt, effort, A):  # type: ignore[no-untyped-def]
+def advance(  # type: ignore[no-untyped-def]
+    x, v, pins, targets, sheets, free, ends, columns, dt, effort, A, S, tally
+):
     """Step N cloths of equal topology, one after the other, without the interpreter's lock.
 
     Args:
@@ -114,14 +134,14 @@ def advance(x, v, pins, targets, sheets, ends, columns, dt, effort, A):  # type:
         targets: (N, P, 3) where they go, linearly over dt.
         sheets: springs (N, 4, V), lengths (N, 4), limits (N, 4), bending (N, 3, V), mass (N, V),
             numbers (N, 3) of each cloth's `Weave`.
+        free: (V,) False where pinned.
         ends: (4, 2) see `Sheet`.
         columns: C.
         dt: seconds.
         effort: how hard to try.
-        A: `band_shape` scratch, float32 or float64.
-
-    Returns:
-        Newton iterations done, of all cloths.
+        A: `band_shape` scratch, flat float32.
+        S: floats a column.
+        tally: (N, 2) gets the evaluations and factors of each cloth.
     """
     springs, lengths, limits, bending, mass, numbers = sheets
     count, num = x.shape[0], x.shape[1]
@@ -130,18 +150,21 @@ def advance(x, v, pins, targets, sheets, ends, columns, dt, effort, A):  # type:
     l_n = np.zeros((4, num))
     scratch = Scratch(
         A,
-        np.zeros(A.shape[0] + effort.half_width, A.dtype),
+        S,
+        np.zeros(len(A) // S, np.float32),
         np.empty((num, 3)),
         np.empty((num, 3)),
         np.empty((num, 3)),
+        np.zeros((5, num, 6), np.float32),
+        np.empty((6, num)),
     )
     past = Past(x_n, y, l_n, bent_n, h)
     begin = np.empty((len(pins), 3))
-    done = 0
     for c in range(count):
         sheet = Sheet(
-            springs[c], lengths[c], limits[c], bending[c], mass[c], numbers[c], columns, ends
+            springs[c], lengths[c], limits[c], bending[c], mass[c], numbers[c], free, columns, ends
         )
+        constant_part(sheet, h, scratch.constant)
         xc, vc = x[c], v[c]
         for p in range(len(pins)):
             begin[p] = xc[pins[p]]
@@ -161,8 +184,9 @@ def advance(x, v, pins, targets, sheets, ends, columns, dt, effort, A):  # type:
                     if s < effort.substeps - 1:
                         goal = begin[p, i] + t * (goal - begin[p, i])
                     xc[pins[p], i] = goal
-            done += descend(xc, sheet, past, pins, effort, scratch)
+            evaluations, factors = descend(xc, sheet, past, effort, scratch)
+            tally[c, 0] += evaluations
+            tally[c, 1] += factors
             for a in range(num):
                 for i in range(3):
                     vc[a, i] = (xc[a, i] - x_n[a, i]) / h
-    return done
