@@ -1,0 +1,376 @@
+"""Intrinsics, board shape and board poses that explain all views best: one robust fit.
+
+Start values from ``cv2.calibrateCamera``; then iterated Cauchy weights (Holland and Welsch 1977),
+rejection of single corners, and plain least squares on what is left, so that the covariance means
+what it says.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from typing_extensions import override
+
+from clothrf_calibration import rigid
+from clothrf_calibration.boards import Board
+from clothrf_calibration.boardshape import (
+    FREE_PIXELS,
+    FREE_SIGMA,
+    Shape,
+    deformed,
+    shape_basis,
+    shape_size,
+)
+from clothrf_calibration.bundle import Block, Problem, Solution, inverse_information, solve
+from clothrf_calibration.errors import CalibrationError
+from clothrf_calibration.lens import project_jacobian, vector
+from clothrf_calibration.views import View
+from clothrf_core.types import Float
+
+REJECT_SIGMA = 4.5
+CAUCHY = 2.385
+MIN_KEPT = 0.5
+
+
+@dataclasses.dataclass(frozen=True, slots=True, eq=False)
+class State:
+    """Everything that is solved for.
+
+    Attributes:
+        parameters: (4 + D,) intrinsic vector (`clothrf_calibration.lens`).
+        shape: (B,) numbers of the board's deviation.
+        T_camera_board: (V, 4, 4) a pose for every view.
+    """
+
+    parameters: Float
+    shape: Float
+    T_camera_board: Float
+
+
+@dataclasses.dataclass(frozen=True, slots=True, eq=False)
+class Fit:
+    """A robust fit.
+
+    Attributes:
+        state: the numbers.
+        board_shape: which deviation of the board was allowed.
+        views: all views, in the order of the poses.
+        inliers: for every view (N,) bool, the corners that were believed.
+        residuals: for every view (N, 2) pixels measured minus projected, of all corners.
+        sigma: noise of one coordinate, pixels, estimated from the inliers.
+        covariance: (4 + D + B, 4 + D + B) of parameters and shape.
+        converged: the solver reached its minimum.
+    """
+
+    state: State
+    board_shape: Shape
+    views: tuple[View, ...]
+    inliers: tuple[NDArray[np.bool_], ...]
+    residuals: tuple[Float, ...]
+    sigma: float
+    covariance: Float
+    converged: bool
+
+    @property
+    def rms(self) -> float:
+        """Root mean square distance of the inliers, pixels (OpenCV's definition)."""
+        squares = [r[m] ** 2 for r, m in zip(self.residuals, self.inliers, strict=True)]
+        return float(np.sqrt(2.0 * np.concatenate(squares).mean()))
+
+    @property
+    def rejected(self) -> int:
+        """Corners that were not believed."""
+        return int(sum((~m).sum() for m in self.inliers))
+
+
+@dataclasses.dataclass(frozen=True, slots=True, eq=False)
+class _Intrinsics(Problem[State]):
+    """The reprojection problem; weights are square roots."""
+
+    views: Sequence[View]
+    weights: Sequence[Float]
+    points: Float
+    basis: Float
+    free: bool
+
+    def _project(self, state: State) -> tuple[Float, Float, Float]:
+        """Residuals of all corners of all views and their derivatives."""
+        points = self.points + self.basis @ state.shape
+        ids = np.concatenate([v.ids for v in self.views])
+        view = np.repeat(np.arange(len(self.views)), [len(v.ids) for v in self.views])
+        R, t = state.T_camera_board[view, :3, :3], state.T_camera_board[view, :3, 3]
+        turned = (R @ points[ids, :, None])[:, :, 0]
+        pixels, by_point, by_parameter = project_jacobian(state.parameters, turned + t)
+        measured = np.concatenate([v.pixels for v in self.views])
+        by_shape = by_point @ R @ self.basis[ids] if self.basis.shape[2] else by_point[:, :, :0]
+        by_shared = np.concatenate([by_parameter, by_shape], axis=2)
+        by_own = np.concatenate([-by_point @ rigid.skew(turned), by_point], axis=2)
+        return pixels - measured, by_shared, by_own
+
+    @override
+    def blocks(self, state: State) -> list[Block]:
+        residual, by_shared, by_own = self._project(state)
+        w = np.concatenate(list(self.weights))
+        residual = residual * w[:, None]
+        by_shared = by_shared * w[:, None, None]
+        by_own = by_own * w[:, None, None]
+        cuts = np.cumsum([len(v.ids) for v in self.views])[:-1]
+        return [
+            Block(r.ravel(), s.reshape(-1, s.shape[2]), o.reshape(-1, 6))
+            for r, s, o in zip(
+                np.split(residual, cuts),
+                np.split(by_shared, cuts),
+                np.split(by_own, cuts),
+                strict=True,
+            )
+        ]
+
+    @override
+    def prior(self, state: State) -> tuple[Float, Float] | None:
+        if not self.free:
+            return None
+        scale, n = FREE_PIXELS / FREE_SIGMA, state.shape.size
+        J = np.zeros((n, state.parameters.size + n))
+        J[:, state.parameters.size :] = scale * np.eye(n)
+        return scale * state.shape, J
+
+    @override
+    def cost(self, state: State) -> float:
+        residual = self.residual(state)
+        w = np.concatenate(list(self.weights))
+        extra = (FREE_PIXELS / FREE_SIGMA) ** 2 * float(state.shape @ state.shape)
+        return float(((residual * w[:, None]) ** 2).sum()) + (extra if self.free else 0.0)
+
+    def residual(self, state: State) -> Float:
+        """(M, 2) unweighted; huge where a point is behind the camera."""
+        points = self.points + self.basis @ state.shape
+        ids = np.concatenate([v.ids for v in self.views])
+        view = np.repeat(np.arange(len(self.views)), [len(v.ids) for v in self.views])
+        R, t = state.T_camera_board[view, :3, :3], state.T_camera_board[view, :3, 3]
+        local = (R @ points[ids, :, None])[:, :, 0] + t
+        behind = local[:, 2] < 1e-6
+        local[behind, 2] = 1e-6
+        with np.errstate(over="ignore", invalid="ignore"):
+            pixels = project_jacobian(state.parameters, local)[0]
+        measured = np.concatenate([v.pixels for v in self.views])
+        return np.where(behind[:, None], 1e6, pixels - measured)
+
+    @override
+    def moved(self, state: State, shared: Float, own: Sequence[Float]) -> State:
+        n = state.parameters.size
+        return State(
+            state.parameters + shared[:n],
+            state.shape + shared[n:],
+            rigid.stepped(state.T_camera_board, np.stack(own)),
+        )
+
+
+def fit(
+    views: Sequence[View],
+    board: Board,
+    *,
+    model: int = 5,
+    shape: Shape = "warp",
+    start: State | None = None,
+    inliers: Sequence[NDArray[np.bool_]] | None = None,
+) -> Fit:
+    """Fit `model` distortion coefficients and the board's `shape` to all `views`.
+
+    Args:
+        views: at least three.
+        board: the board as drawn.
+        model: 0, 4, 5 or 8 distortion coefficients.
+        shape: deviation of the board that is solved for.
+        start: state to start from, its numbers cut or padded with zeros as needed.
+        inliers: corners to believe; given, nothing is rejected anew.
+
+    Raises:
+        CalibrationError: no start value can be found.
+    """
+    basis = shape_basis(board, shape)
+    if start is None:
+        start = first_guess(views, board)
+    state = _resized(start, model, shape_size(board, shape))
+    decided = inliers is not None
+    masks = list(inliers) if inliers is not None else [np.ones(len(v.ids), bool) for v in views]
+    counts = [len(v.ids) for v in views]
+    problem = _Intrinsics(views, [m.astype(float) for m in masks], board.points, basis,
+                          shape == "free")  # fmt: skip
+    if not decided:
+        for _ in range(4):
+            distance = np.linalg.norm(problem.residual(state), axis=1)
+            c = CAUCHY * max(_robust_sigma(distance), 0.02)
+            weight = 1.0 / np.sqrt(1.0 + (distance / c) ** 2)
+            problem = dataclasses.replace(problem, weights=np.split(weight, np.cumsum(counts)[:-1]))
+            state, _ = solve(problem, state, iterations=15, tolerance=1e-5)
+    solution: Solution
+    for _ in range(1 if decided else 8):
+        if not decided:
+            distance = np.linalg.norm(problem.residual(state), axis=1)
+            limit = REJECT_SIGMA * max(_robust_sigma(distance), 0.01)
+            new = np.split(distance <= limit, np.cumsum(counts)[:-1])
+            new = [m & (m.mean() >= MIN_KEPT) for m in new]
+            if all((a == b).all() for a, b in zip(new, masks, strict=True)) and _ > 0:
+                break
+            masks = new
+        problem = dataclasses.replace(problem, weights=[m.astype(float) for m in masks])
+        state, solution = solve(problem, state)
+    residual = problem.residual(state)
+    kept = np.concatenate(masks)
+    dof = 2 * kept.sum() - state.parameters.size - 6 * sum(m.any() for m in masks)
+    dof -= 0 if shape == "free" else state.shape.size
+    if dof < 10:
+        raise CalibrationError(
+            f"{kept.sum()} usable corners in {len(views)} pictures are too few; take more pictures"
+        )
+    variance = float((residual[kept] ** 2).sum() / dof)
+    if shape == "free":
+        variance *= dof / max(dof - 0.8 * min(state.shape.size, dof - 1), 1.0)
+    return Fit(
+        state=state,
+        board_shape=shape,
+        views=tuple(views),
+        inliers=tuple(masks),
+        residuals=tuple(np.split(-residual, np.cumsum(counts)[:-1])),
+        sigma=float(np.sqrt(variance)),
+        covariance=variance * inverse_information(solution.information),
+        converged=solution.converged,
+    )
+
+
+def fit_pose(
+    parameters: Float, points: Float, view: View, *, mask: NDArray[np.bool_] | None = None
+) -> tuple[Float, Float]:
+    """(4, 4) T_camera_board of one view with known intrinsics, and its (N, 2) residuals.
+
+    Args:
+        parameters: intrinsic vector.
+        points: (P, 3) of the board as it is.
+        view: the view.
+        mask: (N,) corners that decide the pose; all by default.
+    """
+    weight = np.ones(len(view.ids)) if mask is None or not mask.any() else mask.astype(float)
+    T = guess_pose(parameters, points, view.keep(weight > 0))
+    damping, cost = 1e-6, np.inf
+    chosen = points[view.ids]
+    for _ in range(40):
+        turned = chosen @ T[:3, :3].T
+        local = turned + T[:3, 3]
+        pixels, by_point, _ = project_jacobian(parameters, local)
+        residual = (pixels - view.pixels) * weight[:, None]
+        J = np.concatenate([-by_point @ rigid.skew(turned), by_point], axis=2)
+        J = (J * weight[:, None, None]).reshape(-1, 6)
+        H = J.T @ J
+        H[np.diag_indices(6)] *= 1.0 + damping
+        step = -np.linalg.solve(H, J.T @ residual.ravel())
+        new = rigid.stepped(T, step)
+        moved = project_jacobian(parameters, chosen @ new[:3, :3].T + new[:3, 3])[0]
+        value = float((((moved - view.pixels) * weight[:, None]) ** 2).sum())
+        before = float((residual**2).sum())
+        if value <= before:
+            T, damping = new, damping * 0.1
+            if before - value < 1e-12 * before:
+                break
+        else:
+            damping = max(10.0 * damping, 1e-6)
+            if damping > 1e6:
+                break
+        cost = value
+    del cost
+    return T, view.pixels - project_jacobian(parameters, chosen @ T[:3, :3].T + T[:3, 3])[0]
+
+
+def guess_pose(parameters: Float, points: Float, view: View) -> Float:
+    """(4, 4) T_camera_board from a planar solver (IPPE; Collins and Bartoli 2014)."""
+    K = np.array([[parameters[0], 0, parameters[2]], [0, parameters[1], parameters[3]], [0, 0, 1]])
+    chosen = points[view.ids]
+    flat = np.array(chosen)
+    flat[:, 2] = 0.0
+    count, turns, shifts, _ = cv2.solvePnPGeneric(
+        objectPoints=flat,
+        imagePoints=view.pixels,
+        cameraMatrix=K,
+        distCoeffs=parameters[4:] if parameters.size > 4 else np.zeros(5),
+        flags=cv2.SOLVEPNP_IPPE,
+    )
+    best, T = np.inf, np.eye(4)
+    for n in range(count):
+        trial = np.eye(4)
+        trial[:3, :3] = cv2.Rodrigues(src=turns[n])[0]
+        trial[:3, 3] = np.ravel(shifts[n])
+        local = chosen @ trial[:3, :3].T + trial[:3, 3]
+        if (local[:, 2] <= 0).any():
+            continue
+        error = float(np.abs(project_jacobian(parameters, local)[0] - view.pixels).sum())
+        if error < best:
+            best, T = error, trial
+    if not np.isfinite(best):
+        raise CalibrationError(f"{view.name}: no pose of the board explains its corners")
+    return T
+
+
+def first_guess(views: Sequence[View], board: Board) -> State:
+    """Start values from OpenCV, gross errors removed view by view with homographies.
+
+    Raises:
+        CalibrationError: OpenCV finds none.
+    """
+    size = views[0].size
+    points = board.points
+    clean = [v.keep(_plausible(v, points)) for v in views]
+    usable = [v if len(v.ids) >= 6 else w for v, w in zip(clean, views, strict=True)]
+    try:
+        _, K, distortion, turns, shifts = cv2.calibrateCamera(
+            objectPoints=[points[v.ids].astype(np.float32) for v in usable],
+            imagePoints=[v.pixels.astype(np.float32) for v in usable],
+            imageSize=size,
+            cameraMatrix=None,
+            distCoeffs=None,
+            flags=cv2.CALIB_FIX_K3,
+        )
+    except cv2.error as error:
+        raise CalibrationError(
+            f"no start value for {len(views)} pictures ({error.err}); tilt the board more"
+        ) from error
+    T = np.tile(np.eye(4), (len(views), 1, 1))
+    for n, (turn, shift) in enumerate(zip(turns, shifts, strict=True)):
+        T[n, :3, :3] = cv2.Rodrigues(src=turn)[0]
+        T[n, :3, 3] = np.ravel(shift)
+    return State(
+        vector(np.asarray(K, float), np.asarray(distortion, float).ravel()[:4]), np.zeros(0), T
+    )
+
+
+def real_points(result: Fit, board: Board) -> Float:
+    """(P, 3) of the board as the fit found it."""
+    return deformed(board, shape_basis(board, result.board_shape), result.state.shape)
+
+
+def _plausible(view: View, points: Float) -> NDArray[np.bool_]:
+    """Corners that a homography explains to a few percent of the board's size in the picture."""
+    H, _ = cv2.findHomography(
+        srcPoints=points[view.ids, :2], dstPoints=view.pixels, method=cv2.LMEDS
+    )
+    if H is None:
+        return np.ones(len(view.ids), bool)
+    mapped = np.concatenate([points[view.ids, :2], np.ones((len(view.ids), 1))], axis=1) @ H.T
+    error = np.linalg.norm(mapped[:, :2] / mapped[:, 2:] - view.pixels, axis=1)
+    extent = float(np.linalg.norm(np.ptp(view.pixels, axis=0)))
+    return np.asarray(error < max(5.0, 0.03 * extent, 6.0 * float(np.median(error))))
+
+
+def _robust_sigma(distance: Float) -> float:
+    """Noise of one coordinate from (M,) distances: their median is 1.1774 sigma (Rayleigh)."""
+    return float(np.median(distance)) / 1.17741
+
+
+def _resized(start: State, model: int, shape: int) -> State:
+    parameters = np.zeros(4 + model)
+    n = min(parameters.size, start.parameters.size)
+    parameters[:n] = start.parameters[:n]
+    numbers = start.shape if start.shape.size == shape else np.zeros(shape)
+    return State(parameters, numbers, np.array(start.T_camera_board))
