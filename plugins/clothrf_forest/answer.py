@@ -28,8 +28,9 @@ class Prepared(NamedTuple):
         variance: (L,) float32 spread of the leaves' rows.
         centre: (F,) float32.
         scale: (F,) float32.
-        matrix: (F, D + k) float32 linear base beside the principal directions.
-        intercept: (D,) float64.
+        matrix: (F, D + h + k) float32 linear base, projections and principal directions.
+        intercept: (D,) float64 of the base.
+        offset: (h,) float64 of the projections.
         mean: (k,) float64 of the principal scores.
         precision: (k,) float64.
         rest: inverse variance in all other directions.
@@ -43,6 +44,7 @@ class Prepared(NamedTuple):
     scale: Float32
     matrix: Float32
     intercept: Float
+    offset: Float
     mean: Float
     precision: Float
     rest: float
@@ -53,7 +55,7 @@ Answer = Callable[[Float32, Prepared, Float], None]
 
 def prepared(model: Model, task: int) -> Prepared:
     """The arrays of task number `task`."""
-    matrix = np.concatenate([model.coef[task], model.novelty.axes], axis=1)
+    matrix = np.concatenate([model.coef[task], model.projections.axes, model.novelty.axes], axis=1)
     return Prepared(
         nodes=model.trees.nodes,
         roots=model.trees.roots,
@@ -63,6 +65,7 @@ def prepared(model: Model, task: int) -> Prepared:
         scale=model.scale,
         matrix=np.ascontiguousarray(matrix),
         intercept=np.ascontiguousarray(model.intercept[task]),
+        offset=model.projections.offset,
         mean=model.novelty.mean,
         precision=model.novelty.precision,
         rest=model.novelty.rest,
@@ -70,20 +73,28 @@ def prepared(model: Model, task: int) -> Prepared:
 
 
 def answer_in_numpy(x: Float32, of: Prepared, out: Float) -> None:
-    """Write the (D,) answer, its spread and the novelty score of one (F,) row into (D + 2,)."""
-    d = len(of.intercept)
+    """Write the (D,) answer, its spread and the novelty score of one row into (D + 2,).
+
+    Args:
+        x: (F + h,) float32; the last h numbers are written here.
+        of: the model's arrays.
+        out: (D + 2,) float64.
+    """
+    d, h = len(of.intercept), len(of.offset)
+    f = len(x) - h
+    z = ((x[:f] - of.centre) * of.scale).astype(np.float64)
+    along = z @ of.matrix
+    x[f:] = along[d : d + h] + of.offset
     leaf = leaves_of(Trees(of.nodes, of.roots, len(of.values)), x[None])[0]
     values = of.values[leaf].astype(np.float64)
     mean = values.mean(0)
     between = (values * values).mean() - (mean * mean).mean()
-    z = ((x - of.centre) * of.scale).astype(np.float64)
-    along = z @ of.matrix
-    inside = along[d:]
+    inside = along[d + h :]
     known = ((inside - of.mean) ** 2) @ of.precision
     outside = max(float(z @ z - inside @ inside), 0.0) * of.rest
     out[:d] = mean + along[:d] + of.intercept
     out[d] = np.sqrt(max(float(between), 0.0) + of.variance[leaf].mean(dtype=np.float64))
-    out[d + 1] = (known + outside) / len(x)
+    out[d + 1] = (known + outside) / f
 
 
 def fastest() -> Answer:

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clothrf_core.types import Float32
+from clothrf_forest.rows import Rows
 
 CHUNK = 8192
 
@@ -40,12 +41,13 @@ class Columns:
         return out
 
 
-def columns(num_features: int, pairs: int, rng: np.random.Generator) -> Columns:
-    """All features, then `pairs` random differences s_i - s_j of two of them."""
+def offered_columns(num_features: int, pairs: int, width: int, rng: np.random.Generator) -> Columns:
+    """All features, `pairs` random differences s_i - s_j of two, and the rest up to `width`."""
     i = rng.integers(num_features, size=pairs)
     j = (i + rng.integers(1, max(num_features, 2), size=pairs)) % num_features
-    first = np.concatenate([np.arange(num_features), i])
-    second = np.concatenate([np.full(num_features, -1), j])
+    rest = np.arange(num_features, width)
+    first = np.concatenate([np.arange(num_features), i, rest])
+    second = np.concatenate([np.full(num_features, -1), j, np.full(len(rest), -1)])
     return Columns(first.astype(np.int32), second.astype(np.int32))
 
 
@@ -79,13 +81,13 @@ def edges(values: Float32, levels: int = 256) -> list[Float32]:
 
 
 def encoded(
-    values: Float32, of: Columns, cuts: list[Float32], *, threads: int = 1
+    values: Rows, of: Columns, cuts: list[Float32], *, threads: int = 1
 ) -> NDArray[np.uint8]:
-    """(C, N) uint8 levels of (N, F) features, read once in chunks (they may be memory-mapped)."""
+    """(C, N) uint8 levels of all rows, read once in chunks."""
     codes = np.empty((len(cuts), len(values)), np.uint8)
 
     def one(rows: slice) -> None:
-        block = np.ascontiguousarray(of.of(np.asarray(values[rows])).T)
+        block = np.ascontiguousarray(of.of(values[rows]).T)
         for c, cut in enumerate(cuts):
             codes[c, rows] = np.searchsorted(cut, block[c], side="left")
 

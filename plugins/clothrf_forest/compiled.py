@@ -10,9 +10,26 @@ from numba import njit
 
 @njit(cache=True, nogil=True)
 def answer(x: Any, of: Any, out: Any) -> None:
-    """Write the (D,) answer, its spread and the novelty score of one (F,) row into (D + 2,)."""
+    """Write the (D,) answer, its spread and the novelty score of one row into (D + 2,)."""
     d = of.intercept.size
+    h = of.offset.size
     k = of.mean.size
+    f = x.size - h
+    along = np.zeros(d + h + k)
+    length = 0.0
+    for i in range(f):
+        z = np.float64((x[i] - of.centre[i]) * of.scale[i])
+        length += z * z
+        for j in range(d + h + k):
+            along[j] += z * of.matrix[i, j]
+    for j in range(h):
+        x[f + j] = along[d + j] + of.offset[j]
+    score = 0.0
+    for j in range(k):
+        a = along[d + h + j]
+        length -= a * a
+        score += (a - of.mean[j]) ** 2 * of.precision[j]
+
     num_trees = of.roots.size
     nodes = of.nodes
     out[:] = 0.0
@@ -38,20 +55,6 @@ def answer(x: Any, of: Any, out: Any) -> None:
     for j in range(d):
         out[j] /= num_trees
         between -= out[j] * out[j] / d
-    out[d] = np.sqrt(max(between, 0.0) + within / num_trees)
-
-    along = np.zeros(d + k)
-    length = 0.0
-    for f in range(x.size):
-        z = np.float64((x[f] - of.centre[f]) * of.scale[f])
-        length += z * z
-        for j in range(d + k):
-            along[j] += z * of.matrix[f, j]
-    score = 0.0
-    for j in range(k):
-        a = along[d + j]
-        length -= a * a
-        score += (a - of.mean[j]) ** 2 * of.precision[j]
-    for j in range(d):
         out[j] += along[j] + of.intercept[j]
-    out[d + 1] = (score + max(length, 0.0) * of.rest) / x.size
+    out[d] = np.sqrt(max(between, 0.0) + within / num_trees)
+    out[d + 1] = (score + max(length, 0.0) * of.rest) / f

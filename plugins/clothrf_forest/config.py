@@ -42,12 +42,12 @@ class ForestConfig(Section):
 
     The paper's own setting: ``trees = 10``, ``topology = "entropy-labels"``, ``base = "none"``,
     ``leaves = "mean"``, ``target_frame = "world"``, ``min_impurity_decrease = 1e-4``,
-    ``bootstrap = "rows"``.
+    ``use_anchor = false``, ``bootstrap = "rows"``.
     """
 
     trees: int = Field(100, ge=1, description="K, number of trees")
     topology: Literal["entropy-labels", "variance"] = Field(
-        "entropy-labels",
+        "variance",
         description="what splits a node: entropy of action labels, or variance of the targets",
     )
     base: Literal["none", "ridge"] = Field(
@@ -58,6 +58,10 @@ class ForestConfig(Section):
     )
     target_frame: Literal["anchor", "world"] = Field(
         "anchor", description="targets relative to the anchor of the picture, or absolute"
+    )
+    use_anchor: bool = Field(True, description="the anchor's place is three more features")
+    oblique: bool = Field(
+        True, description="offer the directions of the linear base's answers to every split"
     )
     max_depth: int = Field(20, ge=1, le=64, description="levels below the root")
     min_impurity_decrease: float | Literal["oob"] = Field(

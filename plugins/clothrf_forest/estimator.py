@@ -24,7 +24,7 @@ class WrinkleForestRegressor(RegressorMixin, BaseEstimator):  # type: ignore[mis
 
     Args:
         trees: number of trees.
-        topology: "entropy-labels" (the paper) or "variance".
+        topology: "variance" or "entropy-labels" (the paper).
         base: "ridge" or "none".
         leaves: "mean" or "refined".
         max_depth: levels below the root.
@@ -44,7 +44,7 @@ class WrinkleForestRegressor(RegressorMixin, BaseEstimator):  # type: ignore[mis
         self,
         *,
         trees: int = 100,
-        topology: str = "entropy-labels",
+        topology: str = "variance",
         base: str = "ridge",
         leaves: str = "mean",
         max_depth: int = 20,
@@ -83,6 +83,7 @@ class WrinkleForestRegressor(RegressorMixin, BaseEstimator):  # type: ignore[mis
                 "base": self.base,
                 "leaves": self.leaves,
                 "target_frame": "world",
+                "use_anchor": False,
                 "max_depth": self.max_depth,
                 "min_impurity_decrease": self.min_impurity_decrease,
                 "min_samples_leaf": self.min_samples_leaf,
@@ -104,8 +105,10 @@ class WrinkleForestRegressor(RegressorMixin, BaseEstimator):  # type: ignore[mis
         values = validate_data(self, X, reset=False)
         model = self.model_
         rows = _narrow(values)
-        found = model.values[0][leaves_of(model.trees, rows)].astype(np.float64).mean(1)
         z = ((rows - model.centre) * model.scale).astype(np.float64)
+        asked = (z @ model.projections.axes + model.projections.offset).astype(np.float32)
+        leaf = leaves_of(model.trees, np.concatenate([rows, asked], axis=1))
+        found = model.values[0][leaf].astype(np.float64).mean(1)
         found += z @ model.coef[0] + model.intercept[0]
         table: Float = found[:, : len(self._unit)] * self._unit + self._mean
         return table[:, 0] if self._flat else table

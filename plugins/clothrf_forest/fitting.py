@@ -12,14 +12,18 @@ from numpy.typing import NDArray
 
 from clothrf_core.errors import DataError
 from clothrf_core.types import DatasetView, Float
-from clothrf_forest.binning import columns, edges, encoded
+from clothrf_forest.binning import edges, encoded, offered_columns
 from clothrf_forest.confidence import calibrated
 from clothrf_forest.config import ForestConfig
 from clothrf_forest.labels import label_actions
 from clothrf_forest.leaves import leaf_numbers, mean_leaves, out_of_bag
 from clothrf_forest.model import Model, flat_values
 from clothrf_forest.novelty import fit_novelty
+from clothrf_forest.projections import no_projections, offered, principal_axes
+from clothrf_forest.refined import refined_leaves
 from clothrf_forest.ridge import fit_base, no_base, survey
+from clothrf_forest.rows import Rows
+from clothrf_forest.stopping import LADDER, chosen_gain, cut_back
 from clothrf_forest.trees import (
     Grower,
     Growth,
@@ -51,40 +55,47 @@ def fit_model(
     targets = actions(view, anchored=config.target_frame == "anchor")
     if not np.isfinite(targets).all():
         raise DataError("forest: expected finite labels, got NaN or infinity in the data set")
+    rows = Rows(view.features, view.anchors if config.use_anchor else None)
     seeds = rng.integers(2**62, size=6)
     streams = [np.random.default_rng(int(s)) for s in seeds]
     threads = config.threads or len(os.sched_getaffinity(0))
     with one_blas_thread():
-        known = survey(view.features, targets, view.groups, streams[0])
+        known = survey(rows, targets, view.groups, streams[0])
         if not np.isfinite(known.by.centre * known.by.scale).all():
             raise DataError("forest: expected finite features, got NaN or infinity in the data set")
         if config.base == "ridge":
-            base = fit_base(view.features, targets, known)
+            base = fit_base(rows, targets, known)
         else:
-            base = no_base(targets, len(view.names))
+            base = no_base(targets, rows.width)
         novelty = fit_novelty(
-            view.features,
+            rows,
             known,
             components=config.confidence.components,
             quantile=config.confidence.quantile,
         )
         residual = targets - base.held_out
         labels = label_actions(residual, config.labels, streams[1])
-        offered = columns(len(view.names), config.pairs, streams[2])
+        projections, held_out = no_projections(rows.width), None
+        if config.oblique and config.base == "ridge":
+            projections, held_out = offered(base)
+        shown = replace(rows, projections=held_out)
+        columns = offered_columns(rows.width, config.pairs, shown.width, streams[2])
         some = _some_rows(n, streams[3])
-        cuts = edges(offered.of(np.asarray(view.features[some])))
+        cuts = edges(columns.of(shown[some]))
         problem = Problem(
-            codes=encoded(view.features, offered, cuts, threads=threads),
+            codes=encoded(shown, columns, cuts, threads=threads),
             labels=labels.index,
             num_labels=len(labels.centres) if config.topology == "entropy-labels" else 0,
-            targets=directions(residual),
+            targets=directed(residual),
         )
+    by_oob = config.min_impurity_decrease == "oob"
     growth = Growth(
         max_depth=config.max_depth,
-        min_gain=float(config.min_impurity_decrease),
+        min_gain=LADDER[0] if by_oob else float(config.min_impurity_decrease),
         node_local=config.gain_mode == "node_local",
-        max_features=_tried(config, len(view.names)),
+        max_features=_tried(config, rows.width),
         min_samples_leaf=config.min_samples_leaf,
+        always=shown.width - rows.width,
     )
     tree_seeds = streams[4].integers(2**62, size=config.trees)
     weights = samples(config.bootstrap, config.subsample, view.groups, tree_seeds)
@@ -92,9 +103,16 @@ def fit_model(
     # The fallback mutes a warning, which only one thread at a time may do.
     side_by_side = threads if grow is numba_grower else 1
     grown = grow_all(problem, weights, growth, tree_seeds, grow, threads=side_by_side)
-    trees = flattened(grown, offered, cuts)
+    least = growth.min_gain
+    if by_oob:
+        least = chosen_gain(grown, weights, residual, tasks)
+        grown = [cut_back(tree, least) for tree in grown]
+    trees = flattened(grown, columns, cuts)
     leaf = leaf_numbers(grown)
     leaves = mean_leaves(leaf, trees.num_leaves, weights, residual, tasks)
+    theta = np.inf
+    if config.leaves == "refined":
+        leaves, theta = refined_leaves(leaves, leaf, weights, residual, known.fold)
     honest = out_of_bag(leaf, weights, leaves, tasks)
     wrong = (residual[honest.rows] - honest.prediction).reshape(len(honest.rows), tasks, 3 * grasps)
     error = np.sqrt((wrong**2).mean(2))
@@ -110,18 +128,22 @@ def fit_model(
         scale=known.by.scale,
         coef=flat_values(base.linear.coef.astype(np.float32), tasks),
         intercept=base.linear.intercept.reshape(tasks, -1).copy(),
+        projections=projections,
         novelty=novelty if config.confidence.novelty else replace(novelty, limits=NEVER),
         calibration=calibrated(honest.spread, error, config.confidence.tolerance),
     )
     metrics = {
         "leaves": float(trees.num_leaves),
         "leaves_per_tree": trees.num_leaves / config.trees,
+        "min_impurity_decrease": least,
         "labels": float(len(labels.centres)),
         "label_bandwidth_mm": 1e3 * labels.bandwidth,
         **_error_metrics(wrong, view.tasks),
     }
     if config.base == "ridge":
         metrics["base_held_out_rms_mm"] = 1e3 * float(np.sqrt((residual**2).mean()))
+    if np.isfinite(theta):
+        metrics["refined_theta"] = theta
     return model, metrics
 
 
@@ -164,19 +186,10 @@ def _some_rows(n: int, rng: np.random.Generator) -> NDArray[np.int64]:
     return rows if n <= EDGE_ROWS else np.sort(rng.choice(rows, EDGE_ROWS, replace=False))
 
 
-def directions(targets: Float, *, share: float = 0.999, most: int = 8) -> Float:
-    """(N, d) principal scores of the targets holding `share` of their variance, which becomes 1.
-
-    Reducing the variance of these few reduces that of all T G 3 targets.
-    """
-    centred = targets - targets.mean(0)
-    variance, axes = np.linalg.eigh(centred.T @ centred / len(centred))
-    variance, axes = variance[::-1], axes[:, ::-1]
-    held = np.cumsum(variance) / max(float(variance.sum()), 1e-30)
-    d = min(int(np.searchsorted(held, share)) + 1, most, len(variance))
-    unit = np.sqrt(max(float(variance[:d].sum()), 1e-30))
-    scores: Float = np.ascontiguousarray(centred @ axes[:, :d]) / unit
-    return scores
+def directed(targets: Float) -> Float:
+    """(N, d) few columns whose variance is that of all T G 3 targets, scaled to 1."""
+    mean, axes = principal_axes(targets)
+    return np.ascontiguousarray((targets - mean) @ axes)
 
 
 def _tried(config: ForestConfig, num_features: int) -> int:

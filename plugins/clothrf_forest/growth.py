@@ -175,6 +175,7 @@ def _partitioned(column: Any, cut: Any, rows: Any, spare: Any) -> Any:
 def grow_tree(
     codes: Any, labels: Any, num_labels: Any, targets: Any, weights: Any, table: Any, seed: Any,
     max_depth: Any, min_gain: Any, node_local: Any, max_features: Any, least: Any,
+    always: Any,
 ) -> Any:  # fmt: skip
     """One tree.
 
@@ -191,6 +192,7 @@ def grow_tree(
         node_local: do not weigh the decrease by the node's share of the sample.
         max_features: non-constant columns tried at a node.
         least: sample rows a leaf must hold.
+        always: the last so many columns are tried at every node, besides the drawn ones.
 
     Returns:
         column (M,) int32, -1 at leaves; cut (M,) uint8, level <= cut goes left; child (M,) int32,
@@ -198,6 +200,7 @@ def grow_tree(
         leaf (N,) int32 of every row, in bag or not; number of leaves.
     """
     num_columns, num_rows = codes.shape
+    drawable = num_columns - always
     inside = 0
     for r in range(num_rows):
         if weights[r] > 0:
@@ -284,19 +287,27 @@ def grow_tree(
         if depth < max_depth and n > 1 and total >= 2 * least and impurity > 1e-12 * total:
             tried = 0
             seen = 0
-            while seen < num_columns and (tried < max_features or best_column < 0):
-                state += _GOLDEN
-                draw = (scrambled(state) >> _S32) & _LOW
-                j = seen + np.int64((draw * np.uint64(num_columns - seen)) >> _S32)
-                f = deck[j]
-                deck[j] = deck[seen]
-                deck[seen] = f
-                drawn[seen] = j
-                seen += 1
+            offered = 0
+            while offered < always or (
+                seen < drawable and (tried < max_features or best_column < 0)
+            ):
+                if offered < always:
+                    f = drawable + offered
+                    offered += 1
+                else:
+                    state += _GOLDEN
+                    draw = (scrambled(state) >> _S32) & _LOW
+                    j = seen + np.int64((draw * np.uint64(drawable - seen)) >> _S32)
+                    f = deck[j]
+                    deck[j] = deck[seen]
+                    deck[seen] = f
+                    drawn[seen] = j
+                    seen += 1
                 values = codes[f]
                 if _sorted_by_level(values, rows, order, levels, start):
                     continue
-                tried += 1
+                if f < drawable:
+                    tried += 1
                 if num_labels > 0:
                     mixed, c = _sweep_labels(
                         values, order, n, labels, weights, left, right, table, total, s_node, least

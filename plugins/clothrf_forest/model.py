@@ -10,6 +10,7 @@ import numpy as np
 from clothrf_core.types import Float, Float32
 from clothrf_forest.confidence import Calibration
 from clothrf_forest.novelty import Novelty
+from clothrf_forest.projections import Projections
 from clothrf_forest.trees import Trees
 
 
@@ -25,10 +26,11 @@ class Model:
         trees: where the trees send a row.
         values: (T, L, 3 G) float32 answer of every leaf, per task, m.
         variance: (T, L) float32 spread of the leaf's rows, m^2.
-        centre: (F,) float32 mean of the features.
+        centre: (F,) float32 mean of the features; F counts the anchor's three where it is used.
         scale: (F,) float32 inverse standard deviation of the features.
         coef: (T, F, 3 G) float32 linear base on standardised features.
         intercept: (T, 3 G) float64, m.
+        projections: linear columns that the trees may ask for behind all features.
         novelty: what a picture like the trained ones looks like.
         calibration: from spread to the chance of a small error.
     """
@@ -44,6 +46,7 @@ class Model:
     scale: Float32
     coef: Float32
     intercept: Float
+    projections: Projections
     novelty: Novelty
     calibration: Calibration
 

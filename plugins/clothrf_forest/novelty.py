@@ -15,6 +15,7 @@ from scipy.linalg import eigh
 from clothrf_core.types import Float, Float32
 from clothrf_forest.binning import chunks
 from clothrf_forest.ridge import Moments, Survey, added
+from clothrf_forest.rows import Rows
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +62,7 @@ def principal(of: Moments, components: int) -> Novelty:
     )
 
 
-def fit_novelty(values: Float32, known: Survey, *, components: int, quantile: float) -> Novelty:
+def fit_novelty(values: Rows, known: Survey, *, components: int, quantile: float) -> Novelty:
     """Fit on all rows; limits from each half of the folds judged by the other half's model."""
     model = principal(known.whole(), components)
     halves = [added(known.parts[0::2]), added(known.parts[1::2])]
@@ -70,7 +71,7 @@ def fit_novelty(values: Float32, known: Survey, *, components: int, quantile: fl
     models = [principal(half, components) for half in halves]
     scores = np.empty(len(values))
     for rows in chunks(len(values)):
-        x = known.by.of(np.asarray(values[rows]))
+        x = known.by.of(values[rows])
         odd = known.fold[rows] % 2 == 1
         part = scores[rows]
         part[odd], part[~odd] = models[0].scores(x[odd]), models[1].scores(x[~odd])

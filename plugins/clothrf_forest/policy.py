@@ -13,7 +13,7 @@ from typing_extensions import override
 
 from clothrf_core.errors import DataError, FeatureMismatch, suggestion
 from clothrf_core.interfaces import Policy
-from clothrf_core.types import Action, DatasetView, Features, Float
+from clothrf_core.types import Action, DatasetView, Features, Float, Float32
 from clothrf_forest import storage
 from clothrf_forest.answer import Prepared, fastest, prepared
 from clothrf_forest.config import ForestConfig
@@ -52,6 +52,8 @@ class Forest(Policy):
         self._model: Model | None = None
         self._prepared: dict[str, tuple[int, Prepared]] = {}
         self._known: tuple[str, ...] = ()
+        self._width = 0
+        self._uses_anchor = False
         self._answer = fastest()
 
     @property
@@ -97,7 +99,7 @@ class Forest(Policy):
             raise DataError(f"forest: not fitted for task '{task}'. {suggestion(task, self.tasks)}")
         t, arrays = known
         out = np.empty(arrays.intercept.size + 2)
-        self._answer(features.values, arrays, out)
+        self._answer(self._row(features), arrays, out)
         targets = out[:-2].reshape(model.num_grasps, 3)
         if model.anchored:
             targets += features.anchor
@@ -127,10 +129,20 @@ class Forest(Policy):
         loaded._use(model)
         return loaded
 
+    def _row(self, features: Features) -> Float32:
+        f = len(features.values)
+        row = np.empty(self._width, np.float32)
+        row[:f] = features.values
+        if self._uses_anchor:
+            row[f : f + 3] = features.anchor
+        return row
+
     def _use(self, model: Model) -> None:
         self._model = model
         self._prepared = {task: (t, prepared(model, t)) for t, task in enumerate(model.tasks)}
         self._known = model.names
+        self._width = len(model.centre) + len(model.projections.offset)
+        self._uses_anchor = bool(model.config["use_anchor"])
 
     def _check_names(self, names: tuple[str, ...]) -> None:
         wanted = self.model.names

@@ -21,7 +21,7 @@ from scipy import sparse
 from clothrf_core.types import Float
 from clothrf_forest.leaves import Leaves
 
-THETAS = (3e-3, 1e-2, 3e-2, 1e-1, 3e-1, 1.0)
+THETAS = (0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0)
 ROUNDS = 15
 
 

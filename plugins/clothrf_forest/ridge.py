@@ -20,9 +20,10 @@ from scipy.linalg import cho_factor, cho_solve
 
 from clothrf_core.types import Float, Float32
 from clothrf_forest.binning import chunks
+from clothrf_forest.rows import Rows
 
 FOLDS = 6
-STRENGTHS = tuple(10.0**e for e in (-4.0, -3.5, -3.0, -2.5, -2.0, -1.5, -1.0, -0.5, 0.0))
+STRENGTHS = tuple(10.0**e for e in (-4.0, -3.5, -3.0, -2.5, -2.0, -1.5, -1.0, -0.5, 0.0, 0.5))
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,16 +98,16 @@ class Scaling:
         return ((values - self.centre) * self.scale).astype(np.float64)
 
 
-def scaling(values: Float32) -> Scaling:
+def scaling(values: Rows) -> Scaling:
     """Mean and spread of (N, F) features, read in chunks."""
     n = len(values)
-    total = np.zeros(values.shape[1])
+    total = np.zeros(values.width)
     for rows in chunks(n):
-        total += np.asarray(values[rows], np.float64).sum(0)
+        total += values[rows].astype(np.float64).sum(0)
     mean = total / n
-    square = np.zeros(values.shape[1])
+    square = np.zeros(values.width)
     for rows in chunks(n):
-        square += ((np.asarray(values[rows], np.float64) - mean) ** 2).sum(0)
+        square += ((values[rows].astype(np.float64) - mean) ** 2).sum(0)
     std = np.sqrt(square / n)
     known = std > 1e-6 * (np.abs(mean) + 1e-6)
     scale = np.where(known, 1.0 / np.where(known, std, 1.0), 0.0)
@@ -138,7 +139,7 @@ def added(parts: Sequence[Moments]) -> Moments:
 
 
 def survey(
-    values: Float32, targets: Float, groups: NDArray[np.int64], rng: np.random.Generator
+    values: Rows, targets: Float, groups: NDArray[np.int64], rng: np.random.Generator
 ) -> Survey:
     """Read (N, F) features in chunks; they may be memory-mapped."""
     by = scaling(values)
@@ -156,16 +157,16 @@ def fold_of(groups: NDArray[np.int64], folds: int, rng: np.random.Generator) -> 
     return result
 
 
-def moments(values: Float32, targets: Float, fold: NDArray[np.int64], by: Scaling) -> list[Moments]:
+def moments(values: Rows, targets: Float, fold: NDArray[np.int64], by: Scaling) -> list[Moments]:
     """`Moments` of every fold, in one pass over the rows."""
     folds = FOLDS
-    f, d = values.shape[1], targets.shape[1]
+    f, d = values.width, targets.shape[1]
     result = [
         Moments(0, np.zeros(f), np.zeros(d), np.zeros((f, f)), np.zeros((f, d)), np.zeros(d))
         for _ in range(folds)
     ]
     for rows in chunks(len(values)):
-        x = by.of(np.asarray(values[rows]))
+        x = by.of(values[rows])
         y = targets[rows]
         for k in range(folds):
             mine = fold[rows] == k
@@ -176,12 +177,21 @@ def moments(values: Float32, targets: Float, fold: NDArray[np.int64], by: Scalin
 
 
 def solve(of: Moments, strength: float) -> Linear:
-    """Ridge regression with penalty `strength` times the number of rows."""
+    """Adaptive ridge regression.
+
+    A feature's penalty is `strength` over its squared correlation with the targets (relative to
+    the mean of all), so that few telling features are not shrunk with the many that say little.
+    """
     mean_x, mean_y = of.x / of.n, of.y / of.n
     cov = of.covariance()
-    cov[np.diag_indices_from(cov)] += strength
     cross = of.xy / of.n - np.outer(mean_x, mean_y)
-    coef = cho_solve(cho_factor(cov, lower=True, overwrite_a=True), cross)
+    relevance = (cross**2).sum(1) / np.maximum(cov.diagonal(), 1e-12)
+    relevance /= max(float(relevance.mean()), 1e-300)
+    weight = np.sqrt(relevance)
+    scaled = cov * weight[:, None] * weight
+    scaled[np.diag_indices_from(scaled)] += strength
+    factor = cho_factor(scaled, lower=True, overwrite_a=True)
+    coef = weight[:, None] * cho_solve(factor, weight[:, None] * cross)
     return Linear(coef, mean_y - mean_x @ coef)
 
 
@@ -207,12 +217,12 @@ class Base:
     strength: float
 
 
-def fit_base(values: Float32, targets: Float, known: Survey) -> Base:
+def fit_base(values: Rows, targets: Float, known: Survey) -> Base:
     """Choose the penalty by held-out folds, predict every row held out, and fit on all rows."""
     whole = known.whole()
     used = [k for k, part in enumerate(known.parts) if 0 < part.n < whole.n]
     if len(used) < 2:
-        linear = Linear(np.zeros((values.shape[1], targets.shape[1])), whole.y / whole.n)
+        linear = Linear(np.zeros((values.width, targets.shape[1])), whole.y / whole.n)
         return Base(linear, np.broadcast_to(linear.intercept, targets.shape).copy(), np.inf)
     best, strength, chosen = np.inf, STRENGTHS[-1], list[Linear]()
     for candidate in reversed(STRENGTHS):
@@ -224,7 +234,7 @@ def fit_base(values: Float32, targets: Float, known: Survey) -> Base:
             break
     held_out = np.empty_like(targets)
     for rows in chunks(len(values)):
-        x = known.by.of(np.asarray(values[rows]))
+        x = known.by.of(values[rows])
         for k, model in zip(used, chosen, strict=True):
             mine = known.fold[rows] == k
             held_out[rows][mine] = x[mine] @ model.coef + model.intercept

@@ -27,6 +27,7 @@ from clothrf_forest.confidence import BINS, Calibration
 from clothrf_forest.config import ForestConfig
 from clothrf_forest.model import Model
 from clothrf_forest.novelty import Novelty
+from clothrf_forest.projections import Projections
 from clothrf_forest.trees import NODE, Trees
 
 FORMAT = "clothrf-forest"
@@ -114,6 +115,8 @@ def _arrays_of(model: Model) -> dict[str, NDArray[Any]]:
         "scale": model.scale,
         "coef": model.coef,
         "intercept": model.intercept,
+        "projection_axes": model.projections.axes,
+        "projection_offset": model.projections.offset,
         "novelty_mean": model.novelty.mean,
         "novelty_axes": model.novelty.axes,
         "novelty_precision": model.novelty.precision,
@@ -141,6 +144,7 @@ def _model_of(about: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> Model:
         scale=arrays["scale"],
         coef=arrays["coef"],
         intercept=arrays["intercept"],
+        projections=Projections(arrays["projection_axes"], arrays["projection_offset"]),
         novelty=Novelty(
             mean=arrays["novelty_mean"],
             axes=arrays["novelty_axes"],
@@ -158,9 +162,10 @@ def _model_of(about: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> Model:
 
 def _check(model: Model, folder: Path) -> None:
     """Refuse what would make acting read outside its arrays."""
-    f, t, d = len(model.names), len(model.tasks), 3 * model.num_grasps
+    f = len(model.names) + (3 if model.config["use_anchor"] else 0)
+    t, d = len(model.tasks), 3 * model.num_grasps
     leaves, m = model.trees.num_leaves, len(model.trees.nodes)
-    k = len(model.novelty.mean)
+    k, h = len(model.novelty.mean), len(model.projections.offset)
     wanted: dict[str, tuple[NDArray[Any], tuple[int, ...], type]] = {
         "values": (model.values, (t, leaves, d), np.float32),
         "variance": (model.variance, (t, leaves), np.float32),
@@ -168,6 +173,7 @@ def _check(model: Model, folder: Path) -> None:
         "scale": (model.scale, (f,), np.float32),
         "coef": (model.coef, (t, f, d), np.float32),
         "intercept": (model.intercept, (t, d), np.float64),
+        "projection_axes": (model.projections.axes, (f, h), np.float32),
         "novelty_axes": (model.novelty.axes, (f, k), np.float32),
         "novelty_precision": (model.novelty.precision, (k,), np.float64),
         "novelty_limits": (model.novelty.limits, (2,), np.float64),
@@ -189,8 +195,8 @@ def _check(model: Model, folder: Path) -> None:
         and roots.ndim == 1
         and len(roots) > 0
         and bool(((roots >= 0) & (roots < m)).all())
-        and bool((nodes["first"] < f).all())
-        and bool((nodes["second"] < f).all())
+        and bool((nodes["first"] < f + h).all())
+        and bool((nodes["second"] < f + h).all())
         # Children stand behind their parent, so every walk ends.
         and bool((child[inner] > np.flatnonzero(inner)).all())
         and bool((child[inner] + 1 < m).all())

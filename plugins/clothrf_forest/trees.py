@@ -69,6 +69,7 @@ class Growth:
     node_local: bool
     max_features: int
     min_samples_leaf: int
+    always: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,6 +154,7 @@ def numba_grower(problem: Problem, weights: Weights, growth: Growth, seed: int) 
             growth.node_local,
             growth.max_features,
             growth.min_samples_leaf,
+            growth.always,
         )
     )
 

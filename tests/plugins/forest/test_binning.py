@@ -1,7 +1,8 @@
 from __future__ import annotations
 
 import numpy as np
-from clothrf_forest.binning import Columns, columns, edges, encoded
+from clothrf_forest.binning import Columns, edges, encoded, offered_columns
+from clothrf_forest.rows import Rows
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -15,7 +16,7 @@ def test_a_level_is_at_most_c_exactly_when_the_value_is_at_most_edge_c(values, l
     column = np.array(values, np.float32)[:, None]
 
     cuts = edges(column, levels)
-    codes = encoded(column, columns(1, 0, np.random.default_rng(0)), cuts)
+    codes = encoded(Rows(column), offered_columns(1, 0, 1, np.random.default_rng(0)), cuts)
 
     assert len(cuts[0]) < levels
     assert (np.diff(cuts[0]) > 0).all()
@@ -26,7 +27,7 @@ def test_a_level_is_at_most_c_exactly_when_the_value_is_at_most_edge_c(values, l
 def test_few_values_keep_a_level_each() -> None:
     column = np.array([3, 1, 2, 2, 7], np.float32)[:, None]
 
-    codes = encoded(column, columns(1, 0, np.random.default_rng(0)), edges(column))
+    codes = encoded(Rows(column), offered_columns(1, 0, 1, np.random.default_rng(0)), edges(column))
 
     np.testing.assert_array_equal(codes[0], [2, 0, 1, 1, 3])
 
@@ -43,7 +44,7 @@ def test_neighbouring_floats_are_still_separated() -> None:
 def test_many_values_fill_all_levels_evenly() -> None:
     column = np.random.default_rng(0).normal(size=(20_000, 1)).astype(np.float32)
 
-    codes = encoded(column, columns(1, 0, np.random.default_rng(0)), edges(column))
+    codes = encoded(Rows(column), offered_columns(1, 0, 1, np.random.default_rng(0)), edges(column))
 
     share = np.bincount(codes[0], minlength=256) / 20_000
     assert share.max() < 1.5 / 256
@@ -53,7 +54,7 @@ def test_many_values_fill_all_levels_evenly() -> None:
 def test_pairs_are_differences_of_two_different_features() -> None:
     values = np.random.default_rng(0).normal(size=(10, 6)).astype(np.float32)
 
-    offered = columns(6, 50, np.random.default_rng(1))
+    offered = offered_columns(6, 50, 6, np.random.default_rng(1))
 
     assert (offered.first[6:] != offered.second[6:]).all()
     found = offered.of(values)
@@ -71,5 +72,5 @@ def test_a_memory_mapped_file_gives_the_same_levels(tmp_path) -> None:
     cuts = edges(values)
 
     np.testing.assert_array_equal(
-        encoded(mapped, plain, cuts, threads=2), encoded(values, plain, cuts)
+        encoded(Rows(mapped), plain, cuts, threads=2), encoded(Rows(values), plain, cuts)
     )

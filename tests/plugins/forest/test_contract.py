@@ -11,10 +11,12 @@ SETTINGS = {
     "default": {},
     "paper": {
         "trees": 10, "base": "none", "target_frame": "world", "min_impurity_decrease": 1e-4,
-        "bootstrap": "rows", "leaves": "mean", "topology": "entropy-labels",
+        "bootstrap": "rows", "leaves": "mean", "use_anchor": False, "topology": "entropy-labels",
     },
     "variance": {"topology": "variance"},
     "pairs": {"pairs": 30},
+    "refined": {"leaves": "refined"},
+    "stopped out of bag": {"min_impurity_decrease": "oob"},
     "k-means": {"labels": {"method": "k-means", "clusters": 25}},
     "scikit-learn": {"engine": "scikit-learn", "trees": 3},
 }  # fmt: skip

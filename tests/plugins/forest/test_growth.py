@@ -31,12 +31,13 @@ def problem(seed: int = 0, n: int = 120, columns: int = 9, labels: int = 7):
 
 
 RULES = {
-    "every column": (20, 0.0, False, 9, 1),
-    "three columns": (20, 0.0, False, 3, 1),
-    "weighted stop": (20, 0.02, False, 4, 1),
-    "node-local stop": (20, 0.4, True, 4, 1),
-    "shallow": (3, 0.0, False, 4, 1),
-    "five rows a leaf": (20, 0.0, False, 4, 5),
+    "every column": (20, 0.0, False, 9, 1, 0),
+    "three columns": (20, 0.0, False, 3, 1, 0),
+    "weighted stop": (20, 0.02, False, 4, 1, 0),
+    "node-local stop": (20, 0.4, True, 4, 1, 0),
+    "shallow": (3, 0.0, False, 4, 1, 0),
+    "five rows a leaf": (20, 0.0, False, 4, 5, 0),
+    "two columns always": (20, 0.0, False, 2, 1, 2),
 }
 
 

@@ -19,7 +19,7 @@ def scrambled(state: int) -> int:
 
 def grow_tree(
     codes, labels, num_labels, targets, weights, seed, max_depth, min_gain, node_local,
-    max_features, least,
+    max_features, least, always,
 ):  # fmt: skip
     """As `growth.grow_tree`, from the definition: every cut of every drawn column is scored."""
     table = entropy_table(int(weights.sum(dtype=np.int64)))
@@ -54,20 +54,25 @@ def grow_tree(
             and total >= 2 * least
             and impurity > 1e-12 * total
         ):
-            deck = list(range(len(codes)))
+            drawable = len(codes) - always
+            deck = list(range(drawable))
+            offered = list(range(drawable, len(codes)))
             tried = seen = 0
-            while seen < len(deck) and (tried < max_features or best is None):
-                state = (state + GOLDEN) & MASK
-                draw = (scrambled(state) >> 32) & 0xFFFFFFFF
-                j = seen + ((draw * (len(deck) - seen)) >> 32)
-                deck[seen], deck[j] = deck[j], deck[seen]
-                f = deck[seen]
-                seen += 1
+            while offered or (seen < drawable and (tried < max_features or best is None)):
+                if offered:
+                    f = offered.pop(0)
+                else:
+                    state = (state + GOLDEN) & MASK
+                    draw = (scrambled(state) >> 32) & 0xFFFFFFFF
+                    j = seen + ((draw * (drawable - seen)) >> 32)
+                    deck[seen], deck[j] = deck[j], deck[seen]
+                    f = deck[seen]
+                    seen += 1
                 levels = codes[f, inside]
                 present = np.unique(levels).astype(int)
                 if len(present) == 1:
                     continue
-                tried += 1
+                tried += f < drawable
                 scores = []
                 for low, high in itertools.pairwise(present):
                     left = levels <= low
