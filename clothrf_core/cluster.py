@@ -22,8 +22,9 @@ logger = logging.getLogger(__name__)
 class Cluster:
     """A running cluster at ``tcp://host:port``, or one started here (``address = "local"``)."""
 
-    def __init__(self, section: CollectionSection) -> None:
+    def __init__(self, section: CollectionSection, *, timeout_s: float = 15.0) -> None:
         try:
+            import dask
             import distributed
         except ImportError as error:
             raise MissingDependency(
@@ -33,16 +34,18 @@ class Cluster:
         self._section = section
         self._local: Any = None
         if section.address == "local":
-            self._local = distributed.LocalCluster(
-                n_workers=section.workers,
-                threads_per_worker=1,
-                processes=True,
-                dashboard_address=None,
-                host="127.0.0.1",
-                env=ONE_THREAD,
-            )
+            failures = {"distributed.scheduler.allowed-failures": section.attempts - 1}
+            with dask.config.set(failures):
+                self._local = distributed.LocalCluster(
+                    n_workers=section.workers,
+                    threads_per_worker=1,
+                    processes=True,
+                    dashboard_address=None,
+                    host="127.0.0.1",
+                    env=ONE_THREAD,
+                )
         try:
-            self._client = distributed.Client(self._local or section.address, timeout=15)
+            self._client = distributed.Client(self._local or section.address, timeout=timeout_s)
         except (OSError, TimeoutError) as error:
             raise ConfigError(
                 f"collection.address: expected a Dask scheduler at {section.address}, found none "
@@ -66,14 +69,18 @@ class Cluster:
                 error = future.exception()
                 if isinstance(error, ClothrfError):
                     raise error
-                if not isinstance(error, (distributed.KilledWorker, OSError)):
+                killed = isinstance(error, distributed.KilledWorker)
+                if not killed and not isinstance(error, OSError):
                     raise error
-                if attempt < self._section.attempts:
+                if not killed and attempt < self._section.attempts:
                     again = self._submit(job, attempt)
                     pending[again] = (job, attempt + 1)
                     queue.add(again)
                     continue
-                message = f"{job.name} killed its worker {attempt} times; all else is kept"
+                lost = error.allowed_failures + 1 if killed else attempt
+                message = (
+                    f"{job.name} killed its worker {lost} times; everything else collected is kept"
+                )
                 if self._section.on_failure == "stop":
                     raise RolloutFailed(message)
                 logger.error("%s; going on without it", message)
