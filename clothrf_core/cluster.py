@@ -45,7 +45,7 @@ class Cluster:
                     env=ONE_THREAD,
                 )
         try:
-            self._client = distributed.Client(self._local or section.address, timeout=timeout_s)
+            self._client: Any = distributed.Client(self._local or section.address, timeout=timeout_s)
         except (OSError, TimeoutError) as error:
             raise ConfigError(
                 f"collection.address: expected a Dask scheduler at {section.address}, found none "
