@@ -16,10 +16,10 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from clothrf_core.normals import CREASE_COSINE, TINY
 from clothrf_core.scene import SceneMesh
 from clothrf_core.types import Float, Float32
 from clothrf_raster.canvas import BLOCK, HALF, ROUND, Canvas, Ink, Keys
-from clothrf_raster.shading import CREASE_COSINE, TINY
 from clothrf_raster.view import View
 
 ONE = np.float32(1.0)

@@ -52,13 +52,11 @@ def _corners(view: View, mesh: SceneMesh, ink: Ink, *, colour: bool) -> Float:
     beyond = (local[:, 2] >= view.near)[t]
     whole = beyond.all(axis=1)
     corners = np.concatenate([pixel[t[whole]], shades[whole][:, :, None]], axis=2)
-    halves = [
-        half
-        for m in np.flatnonzero(beyond.any(axis=1) & ~whole)
-        for half in _clip(view, local[t[m]], pixel[t[m]], shades[m])
-    ]
+    cut = np.flatnonzero(beyond.any(axis=1) & ~whole)
+    halves = [_clip(view, local[t[m]], pixel[t[m]], shades[m]) for m in cut]
     if halves:
-        corners = np.concatenate([corners, np.array(halves)])
+        owners = np.concatenate([np.flatnonzero(whole), np.repeat(cut, [len(h) for h in halves])])
+        corners = np.concatenate([corners, *halves])[np.argsort(owners, kind="stable")]
     return corners.transpose(1, 2, 0)
 
 
@@ -69,8 +67,8 @@ def _project(view: View, local: Float, w: Float) -> Float:
     return np.stack([u, v, w], axis=1)
 
 
-def _clip(view: View, local: Float, pixel: Float, shades: Float) -> list[Float]:
-    """One or two (3, 4) triangles: the part of one triangle beyond the near plane."""
+def _clip(view: View, local: Float, pixel: Float, shades: Float) -> Float:
+    """(1 or 2, 3, 4) triangles: the part of one triangle beyond the near plane."""
     cut = []
     for i, j in ((0, 1), (1, 2), (2, 0)):
         if local[i, 2] >= view.near:
@@ -82,7 +80,7 @@ def _clip(view: View, local: Float, pixel: Float, shades: Float) -> list[Float]:
             point = local[i] + t * (local[j] - local[i])
             on_plane = _project(view, point[None], np.array([1.0 / view.near]))[0]
             cut.append(np.append(on_plane, shades[i] + t * (shades[j] - shades[i])))
-    return [np.stack([cut[0], cut[k], cut[k + 1]]) for k in range(1, len(cut) - 1)]
+    return np.stack([np.stack([cut[0], cut[k], cut[k + 1]]) for k in range(1, len(cut) - 1)])
 
 
 def _fill(canvas: Canvas, corners: Float, ink: Ink, ramp: Float32) -> None:

@@ -1,0 +1,3 @@
+#version 450
+#include "../common/buffers.glsl"
+#include "../common/vertex.glsl"
