@@ -10,6 +10,7 @@ from typing import Annotated, Any
 import typer
 from rich.console import Console
 from rich.logging import RichHandler
+from rich.markup import escape
 from rich.progress import (
     BarColumn,
     MofNCompleteColumn,
@@ -224,16 +225,19 @@ def plugins(
         table.add_column(head)
     for one in [kind] if kind else KINDS:
         for name, entry in sorted(registry.entries[one].items()):
-            table.add_row(one, f"[bold]{name}[/bold]", entry.provider.summary, entry.distribution)
+            summary = escape(entry.provider.summary)
+            table.add_row(one, f"[bold]{name}[/bold]", summary, entry.distribution)
             if options:
                 for key, field in entry.provider.config.model_fields.items():
                     default = "required" if field.is_required() else repr(field.get_default(
                         call_default_factory=True))  # fmt: skip
-                    table.add_row("", f"  {key}", f"{field.description or ''} [dim]{default}[/dim]")
+                    words = escape(field.description or "")
+                    table.add_row("", f"  {key}", f"{words} [dim]{escape(default)}[/dim]")
     console.print(table)
     for failure in registry.failures:
         console.print(
-            f"[red]failed[/red] {failure.plugin} (from {failure.distribution}): {failure.reason}",
+            f"[red]failed[/red] {failure.plugin} (from {failure.distribution}): "
+            f"{escape(failure.reason)}",
             highlight=False,
             markup=True,
         )
@@ -250,7 +254,8 @@ def doctor() -> None:
         table.add_column(head, overflow="fold")
     signs = {True: "[green]ok[/green]", None: "[yellow]--[/yellow]", False: "[red]!![/red]"}
     for finding in findings:
-        table.add_row(signs[finding.ok], finding.what, finding.found, finding.mend)
+        words = (finding.what, finding.found, finding.mend)
+        table.add_row(signs[finding.ok], *map(escape, words))
     console.print(table)
     if any(f.ok is False for f in findings):
         raise typer.Exit(1)

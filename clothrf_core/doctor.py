@@ -104,7 +104,7 @@ def vulkan() -> Finding:
         "s.update_render(); c.take_picture(); print('drawn')"
     )
     mend = (
-        "apt-get install mesa-vulkan-drivers libvulkan1 (Mesa >= 24.3; on Debian 12 from "
+        "apt-get install mesa-vulkan-drivers libvulkan1 libx11-6 (Mesa >= 24.3; on Debian 12 from "
         "bookworm-backports). Without it the raster camera serves"
     )
     try:
