@@ -8,7 +8,6 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 from numpy.typing import NDArray
 
-from clothrf_core.errors import ConfigError
 from clothrf_core.types import Float
 from clothrf_sapien.banded import band_shape
 from clothrf_sapien.newton import Effort, advance
@@ -27,11 +26,6 @@ class Cloths:
     """
 
     def __init__(self, weaves: Sequence[Weave], vertices: Float, pins: NDArray[np.int64]) -> None:
-        shapes = {(w.rows, w.columns) for w in weaves}
-        if len(shapes) != 1:
-            raise ConfigError(
-                f"cloths: expected one resolution for all cloths of a batch, got {sorted(shapes)}"
-            )
         self.count = len(weaves)
         self.x = np.array(vertices, dtype=np.float64)
         self.v = np.zeros_like(self.x)

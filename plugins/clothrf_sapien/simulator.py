@@ -45,6 +45,12 @@ class ClothBatch:
                 f"cloths: expected one generator for each of N >= 1 params, got {len(rngs)} "
                 f"generators and {len(params)} params"
             )
+        resolutions = {p.resolution for p in params}
+        if len(resolutions) != 1:
+            raise ConfigError(
+                "cloths: expected one resolution for all cloths of a batch, got "
+                f"{sorted(resolutions)}; use one batch for each"
+            )
         o = self._options
         weaves = [weave(p, strain_limit=o.strain_limit, taut=o.taut) for p in params]
         corners = np.stack([np.concatenate([p.hands, p.grasp]) for p in params])
