@@ -53,8 +53,8 @@ def collection(quick: bool) -> list[Figure]:  # noqa: FBT001
     rollouts = 8 if quick else 40
     registry = Registry.installed()
     with tempfile.TemporaryDirectory() as folder:
-        path, names = _resolved(Path(folder), "three_tasks.toml", {}, registry)
-        jobs = [_job(path, Path(folder) / f"{i}.npz", i, names) for i in range(rollouts + 2)]
+        path, names = resolved_file(Path(folder), "three_tasks.toml", {}, registry)
+        jobs = [job(path, Path(folder) / f"{i}.npz", i, names) for i in range(rollouts + 2)]
         workers = engine(config.load(path, registry).experiment.collection)
         try:
             collect(jobs[:2], workers)  # workers start and compile outside the measurement
@@ -182,26 +182,30 @@ def _train(out: Path, *, resume: bool = False, workers: int = 2) -> subprocess.P
     )
 
 
-def _resolved(
+def resolved_file(
     folder: Path, name: str, changes: dict[str, Any], registry: Registry
 ) -> tuple[Path, tuple[str, ...]]:
+    """A shipped config, resolved into `folder`, and its tasks."""
     resolved = config.load(shipped(name), registry, changes)
     path = folder / "experiment.toml"
     path.write_text(resolved.text)
     return path, resolved.task_names
 
 
-def _job(path: Path, out: Path, index: int, tasks: tuple[str, ...]) -> RolloutJob:
+def job(
+    path: Path, out: Path, index: int, tasks: tuple[str, ...], *, steps: int = 100
+) -> RolloutJob:
+    """Roll-out `index` led by the experts in turn."""
     task = tasks[index % len(tasks)]
-    return RolloutJob(str(path), str(out), 0, "iteration", 1, index, task, steps=100)
+    return RolloutJob(str(path), str(out), 0, "iteration", 1, index, task, steps=steps)
 
 
 def _alone(path: Path, folder: Path, tasks: tuple[str, ...]) -> float:
     """CPU seconds a sample in this process, median of three roll-outs."""
     spans = []
     for i in range(4):
-        job = _job(path, folder / f"alone{i}.npz", i, tasks)
+        one = job(path, folder / f"alone{i}.npz", i, tasks)
         start = time.process_time()
-        job.run()
-        spans.append((time.process_time() - start) / job.steps)
+        one.run()
+        spans.append((time.process_time() - start) / one.steps)
     return float(np.median(spans[1:]))

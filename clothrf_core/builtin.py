@@ -38,6 +38,10 @@ def clothrf_benchmarks() -> Sequence[Benchmark]:
         Benchmark("core", "collection of samples", lambda quick: _bench().collection(quick)),
         Benchmark("core", "the paper's schedule", lambda quick: _bench().schedule(quick)),
         Benchmark("core", "kill and resume", lambda quick: _bench().resumption(quick)),
+        Benchmark("loop", "frame to command", lambda quick: _loop().frame_to_command(quick)),
+        Benchmark("scale", "two Dask workers", lambda quick: _scale().two_workers(quick)),
+        Benchmark("scale", "a Dask worker killed", lambda quick: _scale().killed_worker(quick)),
+        Benchmark("scale", "100,000 samples", lambda quick: _scale().hundred_thousand(quick)),
     ]
 
 
@@ -45,3 +49,15 @@ def _bench() -> Any:
     from clothrf_core import bench
 
     return bench
+
+
+def _loop() -> Any:
+    from clothrf_core import bench_loop
+
+    return bench_loop
+
+
+def _scale() -> Any:
+    from clothrf_core import bench_scale
+
+    return bench_scale

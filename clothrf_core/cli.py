@@ -313,7 +313,7 @@ def bench(
     console.print(f"[bold]{written['machine']['name']}[/bold]")
     console.print(table)
     for name, reason in written["skipped"].items():
-        console.print(f"[yellow]skipped[/yellow] {name}: {reason}", highlight=False)
+        console.print(f"[yellow]skipped[/yellow] {name}: {escape(reason)}", highlight=False)
     if json:
         atomic_write(json, json_bytes(written))
     if old is not None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import importlib.metadata
 import logging
+import os
 from collections.abc import Iterator, Sequence
 from typing import Any
 
@@ -45,7 +46,9 @@ class Cluster:
                     env=ONE_THREAD,
                 )
         try:
-            self._client: Any = distributed.Client(self._local or section.address, timeout=timeout_s)
+            self._client: Any = distributed.Client(
+                self._local or section.address, timeout=timeout_s
+            )
         except (OSError, TimeoutError) as error:
             raise ConfigError(
                 f"collection.address: expected a Dask scheduler at {section.address}, found none "
@@ -92,6 +95,14 @@ class Cluster:
         finally:
             for future in pending:
                 future.cancel()
+
+    def worker_pids(self) -> list[int]:
+        """Process ids of the workers; of use where they run on this machine."""
+        return [int(pid) for pid in self._client.run(os.getpid).values()]
+
+    def wait_for_workers(self, count: int) -> None:
+        """Return when `count` workers are there (again)."""
+        self._client.wait_for_workers(count, timeout=60)
 
     def close(self) -> None:
         """Leave the cluster; end it if it was started here."""

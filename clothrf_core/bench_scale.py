@@ -1,0 +1,101 @@
+"""Two Dask workers against one, runs in which a worker is killed, and 100,000 samples."""
+
+from __future__ import annotations
+
+import os
+import random
+import signal
+import tempfile
+import threading
+import time
+from pathlib import Path
+
+from clothrf_core import config
+from clothrf_core.bench import job, resolved_file
+from clothrf_core.collection import collect, engine
+from clothrf_core.files import sha256
+from clothrf_core.provider import Figure
+from clothrf_core.registry import Registry
+from clothrf_core.rollout import RolloutJob
+from clothrf_core.sections import CollectionSection
+
+
+def two_workers(quick: bool) -> list[Figure]:  # noqa: FBT001
+    """Throughput of two Dask workers over one; roll-outs of 100 steps."""
+    from clothrf_core.cluster import Cluster
+
+    count = 8 if quick else 40
+    seconds = {}
+    with tempfile.TemporaryDirectory() as name:
+        path, tasks = resolved_file(Path(name), "three_tasks.toml", {}, Registry.installed())
+        for workers in (1, 2):
+            runner = Cluster(CollectionSection(engine="dask", workers=workers))
+            folder = Path(name) / f"w{workers}"
+            jobs = [job(path, folder / f"{i}.npz", i, tasks) for i in range(count + 4)]
+            try:
+                collect(jobs[:4], runner)
+                start = time.perf_counter()
+                collect(jobs[4:], runner)
+                seconds[workers] = time.perf_counter() - start
+            finally:
+                runner.close()
+    detail = {"rollouts": count, "one_s": seconds[1], "two_s": seconds[2]}
+    return [Figure("dask_two_workers", seconds[1] / seconds[2], "ratio", detail)]
+
+
+def killed_worker(quick: bool) -> list[Figure]:  # noqa: FBT001
+    """One of four workers killed at a random moment: does every run end with the same data?"""
+    from clothrf_core.cluster import Cluster
+
+    trials, count = (3, 8) if quick else (20, 16)
+    moments = random.Random(0)
+    with tempfile.TemporaryDirectory() as name:
+        path, tasks = resolved_file(Path(name), "three_tasks.toml", {}, Registry.installed())
+
+        def jobs(folder: Path) -> list[RolloutJob]:
+            return [job(path, folder / f"{i:02d}.npz", i, tasks, steps=30) for i in range(count)]
+
+        runner = Cluster(CollectionSection(engine="dask", workers=4))
+        try:
+            collect(jobs(Path(name) / "warm"), runner)
+            start = time.perf_counter()
+            collect(jobs(Path(name) / "whole"), runner)
+            whole = time.perf_counter() - start
+            wanted, same = _digest(Path(name) / "whole"), 0
+            for trial in range(trials):
+                victim = moments.choice(runner.worker_pids())
+                timer = threading.Timer(
+                    moments.uniform(0.0, whole), os.kill, (victim, signal.SIGKILL)
+                )
+                timer.start()
+                collect(jobs(Path(name) / f"t{trial}"), runner)
+                timer.join()
+                same += _digest(Path(name) / f"t{trial}") == wanted
+                runner.wait_for_workers(4)
+        finally:
+            runner.close()
+    detail = {"trials": trials, "rollouts": count, "workers": 4}
+    return [Figure("dask_kill_identical", same / trials, "share", detail)]
+
+
+def hundred_thousand(quick: bool) -> list[Figure]:  # noqa: FBT001
+    """Seconds for 100,000 samples of three tasks on two cores; the quick form extrapolates."""
+    rollouts = 40 if quick else 1000
+    registry = Registry.installed()
+    with tempfile.TemporaryDirectory() as name:
+        path, tasks = resolved_file(Path(name), "three_tasks.toml", {}, registry)
+        jobs = [job(path, Path(name) / f"{i}.npz", i, tasks) for i in range(rollouts + 2)]
+        workers = engine(config.load(path, registry).experiment.collection)
+        try:
+            collect(jobs[:2], workers)
+            start = time.perf_counter()
+            collect(jobs[2:], workers)
+            seconds = time.perf_counter() - start
+        finally:
+            workers.close()
+    detail = {"measured_samples": 100 * rollouts, "measured_s": seconds}
+    return [Figure("samples_100k_s", seconds * 1000 / rollouts, "s", detail)]
+
+
+def _digest(folder: Path) -> str:
+    return sha256(b"".join(p.read_bytes() for p in sorted(folder.glob("*.npz"))))
