@@ -92,7 +92,9 @@ def resolve(
     rig = _rig(experiment.rig, folder, problems)
     components: dict[str, Component] = {}
     for section in KIND_OF_SECTION:
-        chosen = _component(section, section, getattr(experiment, section), registry, problems)
+        usual = Experiment.model_fields[section].get_default()
+        options = {**usual, **getattr(experiment, section)}
+        chosen = _component(section, section, options, registry, problems)
         if chosen is not None:
             components[section] = chosen
     tasks: dict[str, Component] = {}

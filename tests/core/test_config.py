@@ -4,6 +4,8 @@ import pytest
 
 from clothrf_core import config
 from clothrf_core.errors import ConfigError
+from clothrf_core.locations import shipped
+from clothrf_core.registry import Registry
 
 
 def problems(path, registry, text):
@@ -77,12 +79,24 @@ def test_all_problems_are_reported_at_once(toy, toy_experiment):
     ]
 
 
-def test_a_plugin_that_is_not_named_is_asked_for(toy, toy_experiment):
-    text = toy_experiment.read_text().replace('[policy]\nplugin = "toy_mean"', "[policy]")
+def test_a_task_without_an_expert_asks_for_one(toy, toy_experiment):
+    text = toy_experiment.read_text().replace(
+        '[tasks.ahead]\nplugin = "toy_offset"', "[tasks.ahead]"
+    )
     toy_experiment.write_text(text)
     assert problems(toy_experiment, toy, "")[1] == (
-        '  policy.plugin: missing; write plugin = "...". Installed: toy_mean'
+        '  tasks.ahead.plugin: missing; write plugin = "...". Installed: toy_offset'
     )
+
+
+def test_options_alone_go_to_the_usual_plugin(tmp_path):
+    path = tmp_path / "x.toml"
+    path.write_text('[rig]\nfile = "rigs/yumi_sr300.toml"\n[policy]\ntrees = 7\n')
+    (tmp_path / "rigs").mkdir()
+    (tmp_path / "rigs" / "yumi_sr300.toml").write_text(shipped("rigs/yumi_sr300.toml").read_text())
+    resolved = config.load(path, Registry.installed())
+    assert resolved.components["policy"].plugin == "forest"
+    assert resolved.components["policy"].options.trees == 7
 
 
 def test_broken_toml_says_where(toy, tmp_path):
