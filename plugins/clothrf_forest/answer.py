@@ -17,6 +17,10 @@ from clothrf_forest.model import Model
 from clothrf_forest.traverse import leaves_of
 from clothrf_forest.trees import Trees
 
+# What stands behind the D targets in an answer.
+SPREAD, NOVELTY, CONFIDENCE, ERROR = -4, -3, -2, -1
+EXTRA = 4
+
 
 class Prepared(NamedTuple):
     """A model's arrays for one task, laid out to be read once, in order.
@@ -26,7 +30,7 @@ class Prepared(NamedTuple):
         roots: (K,) int32.
         values: (L, D) float32 answers of the leaves.
         variance: (L,) float32 spread of the leaves' rows.
-        centre: (F,) float32.
+        centre: (F,) float32; F counts the anchor's three where they are features.
         scale: (F,) float32.
         matrix: (F, D + h + k) float32 linear base, projections and principal directions.
         intercept: (D,) float64 of the base.
@@ -34,6 +38,9 @@ class Prepared(NamedTuple):
         mean: (k,) float64 of the principal scores.
         precision: (k,) float64.
         rest: inverse variance in all other directions.
+        limits: (2,) float64 novelty from which confidence falls, and at which it is 0.
+        calibration: (3, B) float64 spread, share of small errors, expected error.
+        anchored: targets are relative to the anchor.
     """
 
     nodes: NDArray[np.void]
@@ -48,14 +55,18 @@ class Prepared(NamedTuple):
     mean: Float
     precision: Float
     rest: float
+    limits: Float
+    calibration: Float
+    anchored: bool
 
 
-Answer = Callable[[Float32, Prepared, Float], None]
+Answer = Callable[[Float32, Float, Prepared, Float], None]
 
 
 def prepared(model: Model, task: int) -> Prepared:
     """The arrays of task number `task`."""
-    matrix = np.concatenate([model.coef[task], model.projections.axes, model.novelty.axes], axis=1)
+    parts = [model.coef[task], model.projections.axes, model.novelty.axes]
+    known = model.calibration
     return Prepared(
         nodes=model.trees.nodes,
         roots=model.trees.roots,
@@ -63,38 +74,55 @@ def prepared(model: Model, task: int) -> Prepared:
         variance=np.ascontiguousarray(model.variance[task]),
         centre=model.centre,
         scale=model.scale,
-        matrix=np.ascontiguousarray(matrix),
+        matrix=np.ascontiguousarray(np.concatenate(parts, axis=1)),
         intercept=np.ascontiguousarray(model.intercept[task]),
         offset=model.projections.offset,
         mean=model.novelty.mean,
         precision=model.novelty.precision,
         rest=model.novelty.rest,
+        limits=model.novelty.limits,
+        calibration=np.stack([known.spread[task], known.share[task], known.error[task]]),
+        anchored=model.anchored,
     )
 
 
-def answer_in_numpy(x: Float32, of: Prepared, out: Float) -> None:
-    """Write the (D,) answer, its spread and the novelty score of one row into (D + 2,).
+def answer_in_numpy(values: Float32, anchor: Float, of: Prepared, out: Float) -> None:
+    """Answer one row.
 
     Args:
-        x: (F + h,) float32; the last h numbers are written here.
+        values: (F,) float32 features, without the anchor.
+        anchor: (3,) float64, world, m.
         of: the model's arrays.
-        out: (D + 2,) float64.
+        out: (D + 4,) float64 to write into: targets, world, m; their spread, m; the novelty
+            score; the confidence; the expected error, m. Numbers that are not finite give
+            confidence 0.
     """
-    d, h = len(of.intercept), len(of.offset)
-    f = len(x) - h
-    z = ((x[:f] - of.centre) * of.scale).astype(np.float64)
+    d, h, f = len(of.intercept), len(of.offset), len(of.centre)
+    x = np.concatenate([values, anchor.astype(np.float32)])[:f]
+    z = ((x - of.centre) * of.scale).astype(np.float64)
     along = z @ of.matrix
-    x[f:] = along[d : d + h] + of.offset
-    leaf = leaves_of(Trees(of.nodes, of.roots, len(of.values)), x[None])[0]
-    values = of.values[leaf].astype(np.float64)
-    mean = values.mean(0)
-    between = (values * values).mean() - (mean * mean).mean()
+    asked = (along[d : d + h] + of.offset).astype(np.float32)
+    leaf = leaves_of(Trees(of.nodes, of.roots, len(of.values)), np.concatenate([x, asked])[None])[0]
+    votes = of.values[leaf].astype(np.float64)
+    mean = votes.mean(0)
+    between = (votes * votes).mean() - (mean * mean).mean()
+    spread = np.sqrt(max(float(between), 0.0) + of.variance[leaf].mean(dtype=np.float64))
+
     inside = along[d + h :]
     known = ((inside - of.mean) ** 2) @ of.precision
-    outside = max(float(z @ z - inside @ inside), 0.0) * of.rest
-    out[:d] = mean + along[:d] + of.intercept
-    out[d] = np.sqrt(max(float(between), 0.0) + of.variance[leaf].mean(dtype=np.float64))
-    out[d + 1] = (known + outside) / f
+    novelty = (known + max(float(z @ z - inside @ inside), 0.0) * of.rest) / f
+
+    targets = mean + along[:d] + of.intercept
+    if of.anchored:
+        targets += np.tile(anchor, d // 3)
+    out[:d] = targets
+    low, high = of.limits
+    familiar = 1.0 if novelty <= low else max(0.0, (high - novelty) / (high - low))
+    knots, share, error = of.calibration
+    sound = np.isfinite(targets).all() and np.isfinite(novelty)
+    out[SPREAD], out[NOVELTY] = spread, novelty
+    out[CONFIDENCE] = familiar * np.interp(spread, knots, share) if sound else 0.0
+    out[ERROR] = np.interp(spread, knots, error) if sound else np.inf
 
 
 def fastest() -> Answer:

@@ -9,26 +9,46 @@ from numba import njit
 
 
 @njit(cache=True, nogil=True)
-def answer(x: Any, of: Any, out: Any) -> None:
-    """Write the (D,) answer, its spread and the novelty score of one row into (D + 2,)."""
+def interpolated(x: Any, knots: Any, values: Any) -> Any:
+    """Linear interpolation; constant beyond the ends, as ``np.interp``."""
+    n = knots.size
+    if x <= knots[0]:
+        return values[0]
+    for i in range(1, n):
+        if x <= knots[i]:
+            # Equal knots never get here: x would have been at most the first of them.
+            part = (x - knots[i - 1]) / (knots[i] - knots[i - 1])
+            return values[i - 1] + part * (values[i] - values[i - 1])
+    return values[n - 1]
+
+
+@njit(cache=True, nogil=True)
+def answer(values: Any, anchor: Any, of: Any, out: Any) -> None:
+    """See `answer.answer_in_numpy`."""
     d = of.intercept.size
     h = of.offset.size
     k = of.mean.size
-    f = x.size - h
-    along = np.zeros(d + h + k)
+    f = of.centre.size
+    x = np.empty(f + h, np.float32)
+    x[: values.size] = values
+    for i in range(values.size, f):
+        x[i] = anchor[i - values.size]
+    width = d + h + k
+    along = np.zeros(width)
     length = 0.0
     for i in range(f):
         z = np.float64((x[i] - of.centre[i]) * of.scale[i])
         length += z * z
-        for j in range(d + h + k):
+        for j in range(width):
             along[j] += z * of.matrix[i, j]
     for j in range(h):
         x[f + j] = along[d + j] + of.offset[j]
-    score = 0.0
+    novelty = 0.0
     for j in range(k):
         a = along[d + h + j]
         length -= a * a
-        score += (a - of.mean[j]) ** 2 * of.precision[j]
+        novelty += (a - of.mean[j]) ** 2 * of.precision[j]
+    novelty = (novelty + max(length, 0.0) * of.rest) / f
 
     num_trees = of.roots.size
     nodes = of.nodes
@@ -52,9 +72,23 @@ def answer(x: Any, of: Any, out: Any) -> None:
             out[j] += v
             square += v * v
     between = square / (num_trees * d)
+    sound = np.isfinite(novelty)
     for j in range(d):
         out[j] /= num_trees
         between -= out[j] * out[j] / d
         out[j] += along[j] + of.intercept[j]
-    out[d] = np.sqrt(max(between, 0.0) + within / num_trees)
-    out[d + 1] = (score + max(length, 0.0) * of.rest) / f
+        if of.anchored:
+            out[j] += anchor[j % 3]
+        sound = sound and np.isfinite(out[j])
+    spread = np.sqrt(max(between, 0.0) + within / num_trees)
+    familiar = 1.0
+    if novelty > of.limits[0]:
+        familiar = max(0.0, (of.limits[1] - novelty) / (of.limits[1] - of.limits[0]))
+    out[d] = spread
+    out[d + 1] = novelty
+    out[d + 2] = 0.0
+    out[d + 3] = np.inf
+    if sound:
+        knots = of.calibration[0]
+        out[d + 2] = familiar * interpolated(spread, knots, of.calibration[1])
+        out[d + 3] = interpolated(spread, knots, of.calibration[2])

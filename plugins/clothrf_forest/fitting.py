@@ -15,7 +15,7 @@ from clothrf_core.types import DatasetView, Float
 from clothrf_forest.binning import edges, encoded, offered_columns
 from clothrf_forest.confidence import calibrated
 from clothrf_forest.config import ForestConfig
-from clothrf_forest.labels import label_actions
+from clothrf_forest.labels import Labels, label_actions
 from clothrf_forest.leaves import leaf_numbers, mean_leaves, out_of_bag
 from clothrf_forest.model import Model, flat_values
 from clothrf_forest.novelty import fit_novelty
@@ -74,7 +74,9 @@ def fit_model(
             quantile=config.confidence.quantile,
         )
         residual = targets - base.held_out
-        labels = label_actions(residual, config.labels, streams[1])
+        labels = Labels(np.zeros(n, np.int32), np.zeros((0, targets.shape[1])), 0.0)
+        if config.topology == "entropy-labels":
+            labels = label_actions(residual, config.labels, streams[1])
         projections, held_out = no_projections(rows.width), None
         if config.oblique and config.base == "ridge":
             projections, held_out = offered(base)
@@ -85,7 +87,7 @@ def fit_model(
         problem = Problem(
             codes=encoded(shown, columns, cuts, threads=threads),
             labels=labels.index,
-            num_labels=len(labels.centres) if config.topology == "entropy-labels" else 0,
+            num_labels=len(labels.centres),
             targets=directed(residual),
         )
     by_oob = config.min_impurity_decrease == "oob"
@@ -136,12 +138,13 @@ def fit_model(
         "leaves": float(trees.num_leaves),
         "leaves_per_tree": trees.num_leaves / config.trees,
         "min_impurity_decrease": least,
-        "labels": float(len(labels.centres)),
-        "label_bandwidth_mm": 1e3 * labels.bandwidth,
         **_error_metrics(wrong, view.tasks),
     }
     if config.base == "ridge":
         metrics["base_held_out_rms_mm"] = 1e3 * float(np.sqrt((residual**2).mean()))
+    if problem.num_labels:
+        metrics["labels"] = float(problem.num_labels)
+        metrics["label_bandwidth_mm"] = 1e3 * labels.bandwidth
     if np.isfinite(theta):
         metrics["refined_theta"] = theta
     return model, metrics

@@ -39,7 +39,8 @@ class Labels:
 def label_actions(actions: Float, config: LabelsConfig, rng: np.random.Generator) -> Labels:
     """Label (N, D) actions as `config` says; at least `config.minimum` classes where possible."""
     n = len(actions)
-    enough = min(config.minimum, len(np.unique(actions, axis=0)))
+    distinct = len(np.unique(np.round(actions, 6), axis=0))
+    enough = min(config.minimum, distinct)
     if config.method == "mean-shift":
         sample = actions
         if n > config.sample:
@@ -57,7 +58,7 @@ def label_actions(actions: Float, config: LabelsConfig, rng: np.random.Generator
             bandwidth *= 0.5
         logger.info("mean shift: no bandwidth gives %d labels; using k-means", enough)
     k = config.clusters or max(config.minimum, n // 30)
-    centres = k_means(actions, min(max(k, enough), n), rng)
+    centres = k_means(actions, min(k, distinct), rng)
     return Labels(nearest(actions, centres), centres, 0.0)
 
 
@@ -68,7 +69,9 @@ def mean_shift(points: Float, bandwidth: float, *, min_points: int = 1) -> Float
     scikit-learn's ``MeanShift(bin_seeding=True)`` does), and so are clusters of fewer than
     `min_points`: their points belong to the nearest mode that is left.
     """
-    modes = np.unique(np.round(points / bandwidth), axis=0) * bandwidth
+    # One seed a bin, and a point of it: with 18 coordinates a bin's centre may have no neighbour.
+    _, seeds = np.unique(np.round(points / bandwidth), axis=0, return_index=True)
+    modes = points[np.sort(seeds)]
     count = np.zeros(len(modes), np.int64)
     active = np.arange(len(modes))
     for _ in range(300):

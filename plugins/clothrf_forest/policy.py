@@ -13,9 +13,18 @@ from typing_extensions import override
 
 from clothrf_core.errors import DataError, FeatureMismatch, suggestion
 from clothrf_core.interfaces import Policy
-from clothrf_core.types import Action, DatasetView, Features, Float, Float32
+from clothrf_core.types import Action, DatasetView, Features, Float
 from clothrf_forest import storage
-from clothrf_forest.answer import Prepared, fastest, prepared
+from clothrf_forest.answer import (
+    CONFIDENCE,
+    ERROR,
+    EXTRA,
+    NOVELTY,
+    SPREAD,
+    Prepared,
+    fastest,
+    prepared,
+)
 from clothrf_forest.config import ForestConfig
 from clothrf_forest.fitting import fit_model
 from clothrf_forest.model import Model
@@ -50,10 +59,8 @@ class Forest(Policy):
     def __init__(self, config: ForestConfig) -> None:
         self.config = config
         self._model: Model | None = None
-        self._prepared: dict[str, tuple[int, Prepared]] = {}
+        self._prepared: dict[str, Prepared] = {}
         self._known: tuple[str, ...] = ()
-        self._width = 0
-        self._uses_anchor = False
         self._answer = fastest()
 
     @property
@@ -94,28 +101,21 @@ class Forest(Policy):
         model = self.model
         if features.names is not self._known:
             self._check_names(features.names)
-        known = self._prepared.get(task)
-        if known is None:
+        arrays = self._prepared.get(task)
+        if arrays is None:
             raise DataError(f"forest: not fitted for task '{task}'. {suggestion(task, self.tasks)}")
-        t, arrays = known
-        out = np.empty(arrays.intercept.size + 2)
-        self._answer(self._row(features), arrays, out)
-        targets = out[:-2].reshape(model.num_grasps, 3)
-        if model.anchored:
-            targets += features.anchor
-        spread, novelty = float(out[-2]), float(out[-1])
-        if not features.valid or not np.isfinite(out).all():
-            return Estimate(np.nan_to_num(targets), 0.0, np.inf, spread, novelty)
-        calibration = model.calibration
-        knots = calibration.spread[t]
-        low, high = model.novelty.limits
-        familiar = 1.0 if novelty <= low else max(0.0, (high - novelty) / (high - low))
+        out = np.empty(3 * model.num_grasps + EXTRA)
+        self._answer(features.values, features.anchor, arrays, out)
+        targets = out[:-EXTRA].reshape(model.num_grasps, 3)
+        sound = features.valid and out[ERROR] < np.inf
+        if not sound:
+            targets = np.nan_to_num(targets)
         return Estimate(
             targets=targets,
-            confidence=familiar * float(np.interp(spread, knots, calibration.share[t])),
-            expected_error=float(np.interp(spread, knots, calibration.error[t])),
-            spread=spread,
-            novelty=novelty,
+            confidence=float(out[CONFIDENCE]) if sound else 0.0,
+            expected_error=float(out[ERROR]) if sound else np.inf,
+            spread=float(out[SPREAD]),
+            novelty=float(out[NOVELTY]),
         )
 
     @override
@@ -129,20 +129,10 @@ class Forest(Policy):
         loaded._use(model)
         return loaded
 
-    def _row(self, features: Features) -> Float32:
-        f = len(features.values)
-        row = np.empty(self._width, np.float32)
-        row[:f] = features.values
-        if self._uses_anchor:
-            row[f : f + 3] = features.anchor
-        return row
-
     def _use(self, model: Model) -> None:
         self._model = model
-        self._prepared = {task: (t, prepared(model, t)) for t, task in enumerate(model.tasks)}
+        self._prepared = {task: prepared(model, t) for t, task in enumerate(model.tasks)}
         self._known = model.names
-        self._width = len(model.centre) + len(model.projections.offset)
-        self._uses_anchor = bool(model.config["use_anchor"])
 
     def _check_names(self, names: tuple[str, ...]) -> None:
         wanted = self.model.names
