@@ -15,8 +15,6 @@ SHAPES: tuple[Shape, ...] = ("flat", "warp", "free")
 
 # What a printer and a bent sheet may plausibly do to one point, metres.
 FREE_SIGMA = 5e-4
-# Residuals are in pixels; this many pixels of residual weigh as one FREE_SIGMA.
-FREE_PIXELS = 0.2
 
 
 def shape_size(board: Board, shape: Shape) -> int:

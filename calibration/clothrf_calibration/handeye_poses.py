@@ -16,7 +16,7 @@ from clothrf_calibration.handeye_fit import covariance_of_inverse
 from clothrf_calibration.handeye_start import shah
 from clothrf_core.types import Float
 
-CAUCHY = 3.0
+CAUCHY = 2.4
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -103,5 +103,7 @@ def _linear(Y: Float, Z: Float, A: Float, C: Float) -> tuple[Float, Float]:
 
 
 def _spread(residual: Float, weights: Float) -> float:
+    """One standard deviation; a few wild residuals do not widen it (median of a chi, 3 dof)."""
     mean = float((weights * (residual**2).mean(axis=1)).sum() / weights.sum())
-    return max(float(np.sqrt(mean)), 1e-9)
+    median = float(np.median(np.linalg.norm(residual, axis=1))) / 1.538
+    return max(min(float(np.sqrt(mean)), 1.5 * median), 1e-9)

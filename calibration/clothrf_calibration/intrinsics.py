@@ -19,7 +19,6 @@ from clothrf_calibration.crossvalidation import (
 )
 from clothrf_calibration.errors import CalibrationError, DegenerateData
 from clothrf_calibration.intrinsics_fit import Fit, fit
-from clothrf_calibration.lens import MODELS
 from clothrf_calibration.threads import one_thread
 from clothrf_calibration.uncertainty import UncertaintyMap, uncertainty_map
 from clothrf_calibration.views import View, one_size
@@ -31,6 +30,12 @@ MAX_SD_F = 1e-3
 MAX_MEAN_PX, MAX_WORST_PX = 0.3, 1.0
 # A freely shaped board can trade with the principal point: it must win clearly to be believed.
 FREE_MARGIN = 0.4
+WORTH_TRYING = 0.85
+# Share of the held-out error by which anything richer must win.
+MARGIN = 0.01
+# k3 is left to its prior rather than to a choice: four coefficients only where asked for.
+TRIED = (0, 5, 8)
+MAX_FOCAL_SD = 0.1
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,14 +134,14 @@ def _calibrate(
             "or more, tilted in different directions"
         )
     steps = _Steps(step, options)
-    first = fit(views, board, model=options.model if options.model is not None else 4,
+    first = fit(views, board, model=options.model if options.model is not None else 5,
                 shape=options.shape or "flat")  # fmt: skip
     _refuse_alike(first, board)
     selecting = int(sum(m.any() for m in first.inliers)) >= SELECTION_VIEWS
     k = options.folds
     shape, shapes = _choose_shape(first, board, options, selecting=selecting, k=k, steps=steps)
     if first.board_shape != shape:
-        first = fit(views, board, model=4, shape=shape, start=first.state)
+        first = fit(views, board, model=5, shape=shape, start=first.state)
     model, models, held = _choose_model(
         first, board, options, shape, selecting=selecting, k=k, steps=steps
     )
@@ -161,7 +166,7 @@ class _Steps:
 
     def __init__(self, step: Callable[[str, int, int], None] | None, options: Options) -> None:
         tried = (len(SHAPES) if options.shape is None else 0) + (
-            len(MODELS) if options.model is None else 1
+            len(TRIED) if options.model is None else 1
         )
         self._step, self._done, self._of = step, 0, tried * options.folds + 1
 
@@ -181,14 +186,21 @@ def _choose_shape(
         return options.shape, {}
     if not selecting:
         return "flat", {}
+    shapes: list[Shape] = ["flat", "warp"]
+    warp, free = (
+        fit(first.views, board, model=5, shape=s, start=first.state, inliers=first.inliers)
+        for s in ("warp", "free")
+    )
+    if free.sigma < WORTH_TRYING * warp.sigma:
+        shapes.append("free")
     tried = [
-        cross_validate(first, board, model=4, shape=s, k=k, step=steps.of(f"{s} board"))
-        for s in SHAPES
+        cross_validate(first, board, model=5, shape=s, k=k, step=steps.of(f"{s} board"))
+        for s in shapes
     ]
-    chosen = simplest(tried[:2], margin=0.0)
-    if simplest([tried[chosen], tried[2]], margin=FREE_MARGIN) == 1:
+    chosen = simplest(tried[:2], margin=MARGIN)
+    if len(tried) > 2 and simplest([tried[chosen], tried[2]], margin=FREE_MARGIN) == 1:
         chosen = 2
-    return SHAPES[chosen], {s: t.total for s, t in zip(SHAPES, tried, strict=True)}
+    return shapes[chosen], {s: t.total for s, t in zip(shapes, tried, strict=True)}
 
 
 def _choose_model(
@@ -201,9 +213,9 @@ def _choose_model(
     k: int,
     steps: _Steps,
 ) -> tuple[int, dict[int, float], HeldOut | None]:
-    candidates = MODELS if options.model is None else (options.model,)
+    candidates = TRIED if options.model is None else (options.model,)
     if not selecting:
-        return options.model if options.model is not None else 4, {}, None
+        return options.model if options.model is not None else 5, {}, None
     tried = [
         cross_validate(
             first,
@@ -215,7 +227,7 @@ def _choose_model(
         )
         for m in candidates
     ]
-    best = simplest(tried)
+    best = simplest(tried, margin=MARGIN)
     return (
         candidates[best],
         {m: t.total for m, t in zip(candidates, tried, strict=True)},
@@ -225,11 +237,12 @@ def _choose_model(
 
 def _refuse_alike(first: Fit, board: Board) -> None:
     seen = coverage(first.views, first.state.T_camera_board, board.points)
-    if seen.spread < MIN_SPREAD:
+    relative = float(np.sqrt(first.covariance[0, 0])) / abs(float(first.state.parameters[0]))
+    if seen.spread < MIN_SPREAD or relative > MAX_FOCAL_SD:
         raise DegenerateData(
             f"all {len(first.views)} pictures are alike: the board's normals differ by "
-            f"{seen.spread:.1f} degrees at most, so the focal length is undetermined; tilt the "
-            "board by 20 to 45 degrees in different directions"
+            f"{seen.spread:.0f} degrees at most and the focal length is uncertain by "
+            f"{100 * relative:.0f} %; tilt the board by 20 to 45 degrees in different directions"
         )
 
 

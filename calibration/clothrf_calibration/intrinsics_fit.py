@@ -18,7 +18,6 @@ from typing_extensions import override
 from clothrf_calibration import rigid
 from clothrf_calibration.boards import Board
 from clothrf_calibration.boardshape import (
-    FREE_PIXELS,
     FREE_SIGMA,
     Shape,
     deformed,
@@ -34,6 +33,12 @@ from clothrf_core.types import Float
 REJECT_SIGMA = 4.5
 CAUCHY = 2.385
 MIN_KEPT = 0.5
+
+# How large distortion coefficients k1 k2 p1 p2 k3 k4 k5 k6 of a lens may be. Where pictures leave
+# one undetermined (half of the image empty), this keeps it from running away; where they
+# determine it, it has no effect. Weighed against a usual corner noise.
+PRIOR_SD = np.array([1.0, 1.0, 0.1, 0.1, 1.0, 1.0, 1.0, 1.0])
+PRIOR_PIXELS = 0.2
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
@@ -130,20 +135,19 @@ class _Intrinsics(Problem[State]):
         ]
 
     @override
-    def prior(self, state: State) -> tuple[Float, Float] | None:
-        if not self.free:
-            return None
-        scale, n = FREE_PIXELS / FREE_SIGMA, state.shape.size
-        J = np.zeros((n, state.parameters.size + n))
-        J[:, state.parameters.size :] = scale * np.eye(n)
-        return scale * state.shape, J
+    def prior(self, state: State) -> tuple[Float, Float]:
+        n, b = state.parameters.size, state.shape.size
+        width = np.concatenate([PRIOR_SD[: n - 4], np.full(b if self.free else 0, FREE_SIGMA)])
+        scale = PRIOR_PIXELS / width
+        value = np.concatenate([state.parameters[4:], state.shape if self.free else np.zeros(0)])
+        J = np.zeros((len(value), n + b))
+        J[np.arange(len(value)), 4 + np.arange(len(value))] = scale
+        return scale * value, J
 
     @override
     def cost(self, state: State) -> float:
-        residual = self.residual(state)
-        w = np.concatenate(list(self.weights))
-        extra = (FREE_PIXELS / FREE_SIGMA) ** 2 * float(state.shape @ state.shape)
-        return float(((residual * w[:, None]) ** 2).sum()) + (extra if self.free else 0.0)
+        residual = self.residual(state) * np.concatenate(list(self.weights))[:, None]
+        return float((residual**2).sum() + (self.prior(state)[0] ** 2).sum())
 
     def residual(self, state: State) -> Float:
         """(M, 2) unweighted; huge where a point is behind the camera."""
