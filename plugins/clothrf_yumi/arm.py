@@ -88,9 +88,9 @@ class Yumi(ArmModel):
     @override
     def solve(self, q: Float, targets: Float, dt: float) -> Float:
         targets = np.asarray(targets, dtype=np.float64)
-        outside = (targets < self._low) | (targets > self._high)
-        if outside.any():
-            i = int(np.argwhere(outside)[0, 0])
+        inside = (targets >= self._low) & (targets <= self._high)
+        if not inside.all():
+            i = int(np.argwhere(~inside)[0, 0])
             raise RefusedTarget(
                 f"targets[{i}]: expected a point between {self._low.tolist()} and "
                 f"{self._high.tolist()}, got {np.round(targets[i], 3).tolist()}; widen arm.box_low "

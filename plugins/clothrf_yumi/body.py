@@ -81,10 +81,13 @@ class Body:
             shapes.addCollisionPair(pin.CollisionPair(*pair))
         self._data = shapes.createData()
         joints = [shape.parentJoint for shape in shapes.geometryObjects]
-        self._bodies = [(joints[i], joints[j]) for i, j in self._pairs]
-        one, other = np.array(self._bodies).T
+        one, other = np.array([(joints[i], joints[j]) for i, j in self._pairs]).T
+        self._carrier = np.array([other, one])
+        levers = self._levers()
+        first, second = levers[np.array(self._pairs).T]
         # A joint that carries both bodies of a pair, or none, does not change their distance.
-        self._lever = np.abs(kinematics.moves[one] - kinematics.moves[other]) * _levers()
+        moving = np.abs(kinematics.moves[one] - kinematics.moves[other])
+        self._lever = moving * np.maximum(first, second)
         self._bound = np.full(len(self._pairs), -np.inf)
         self._bound_at = kinematics.q
         self._nothing = Near(np.zeros(0), np.zeros((0, kinematics.model.nv)))
@@ -110,6 +113,17 @@ class Body:
         self._names.append(name)
         self._capsules.append((joint, start, end, capsule.radius))
 
+    def _levers(self) -> Float:
+        """(23, 14) metres: no point of a shape is farther from the axis of a joint before it."""
+        steps = np.array([np.hypot(axis.a, axis.d) for axis in AXES])
+        levers = np.zeros((len(self._names), 2 * len(AXES)))
+        for i, (joint, start, end, radius) in enumerate(self._capsules):
+            arm, last = divmod(joint - 1, len(AXES))
+            size = max(np.linalg.norm(start), np.linalg.norm(end)) + radius
+            for k in range(last + 1):
+                levers[i, arm * len(AXES) + k] = steps[k + 1 : last + 1].sum() + size
+        return levers
+
     @property
     def pairs(self) -> list[tuple[str, str]]:
         """Names of the pairs that are kept apart."""
@@ -122,21 +136,22 @@ class Body:
         unlike the difference of the points, keeps its sign in penetration.
         """
         self._place()
-        distances, first, second, one, other = [], [], [], [], []
+        distances, first, second, pairs = [], [], [], []
         for k in np.flatnonzero(self._bound < margin).tolist():
             result = self._measure(k)
-            if result.min_distance < margin:
+            distance = result.min_distance
+            if distance < margin:
                 normal = result.normal.tolist()
-                distances.append(result.min_distance)
+                distances.append(distance)
                 first.append(_wrench(normal, result.getNearestPoint1().tolist()))
                 second.append(_wrench(normal, result.getNearestPoint2().tolist()))
-                one.append(self._bodies[k][0])
-                other.append(self._bodies[k][1])
+                pairs.append(k)
         if not distances:
             return self._nothing
-        J, moves = self._kinematics.J, self._kinematics.moves
-        rows = (np.array(second) @ J) * moves[other] - (np.array(first) @ J) * moves[one]
-        return Near(np.array(distances), rows)
+        n = len(pairs)
+        speeds = np.array(second + first) @ self._kinematics.J
+        speeds *= self._kinematics.moves[self._carrier[:, pairs].ravel()]
+        return Near(np.array(distances), speeds[:n] - speeds[n:])
 
     def closer(self, margin: float) -> bool:
         """Any pair is closer than `margin` metres."""
@@ -197,15 +212,6 @@ def _pairs() -> list[tuple[int, int]]:
         for other in others
     ]
     return [*between, *around, *within]
-
-
-def _levers() -> Float:
-    """(14,) metres: no point of an arm is farther from the axis of its joint."""
-    ends = [axis.link for axis in AXES] + [GRIPPER_BODY, FINGERS]
-    widest = max(np.linalg.norm(end) + c.radius for c in ends for end in (c.start, c.end))
-    steps = [abs(axis.a) + abs(axis.d) for axis in AXES]
-    arm = [sum(steps[i + 1 :]) + FLANGE_M + float(widest) for i in range(len(AXES))]
-    return np.array(arm + arm)
 
 
 def _wrench(n: list[float], p: list[float]) -> tuple[float, ...]:

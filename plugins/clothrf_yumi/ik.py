@@ -101,6 +101,7 @@ class InverseKinematics:
         self._limits, self._ready, self._rotations = limits, ready, rotations
         self._weights, self._patience = weights, patience
         self._unhurried = patience.turn / limits.velocity.max()
+        self._open = np.full(len(body.pairs), np.inf)
         self._no_rows = np.zeros((0, ready.size))
         self._tasks = 6 if weights.orientation == 0.0 else 12
 
@@ -174,9 +175,9 @@ class InverseKinematics:
         stiffness = weights.posture**2
         pull = stiffness * min(1.0, weights.posture_rate * dt)
         # Levenberg's damping grows with the error: far targets are approached in steady steps.
-        damping = weights.damping + stiffness + LEVENBERG * float(gaps.ravel() @ gaps.ravel())
+        damping = weights.damping + stiffness + LEVENBERG * float(error[:6] @ error[:6])
         H = J.T @ J
-        H.flat[:: H.shape[0] + 1] += damping
+        H.reshape(-1)[:: H.shape[0] + 1] += damping
         f = pull * (x - self._ready) - error @ J
         lower, upper = low, high
         if dt > self._unhurried:
@@ -187,7 +188,7 @@ class InverseKinematics:
             # Never closer; what is too close already need not part, so x = 0 stays a solution.
             distance = near.distance + rows @ moved
             floor = np.minimum(self._patience.clearance - distance, 0.0)
-            upper = np.concatenate([upper, np.full(floor.size, 1e30)])
+            upper = np.concatenate([upper, self._open[: floor.size]])
             lower = np.concatenate([lower, floor])
         step, _, flag, _ = daqp.solve(H, f, rows, upper, lower)
         if flag != OPTIMAL:
