@@ -76,7 +76,8 @@ def save(fit: Fit, plugin: str, config: BaselineConfig, folder: Path) -> None:
         "tasks": list(fit.tasks),
         "num_grasps": fit.num_grasps,
         "names": list(fit.names),
-        "config": config.model_dump(mode="json"),
+        # Threads do not shape the result.
+        "config": config.model_dump(mode="json", exclude={"threads"}),
         "arrays": {name: [array.dtype.str, *array.shape] for name, array in arrays.items()},
         "arrays_sha256": sha256(data),
     }

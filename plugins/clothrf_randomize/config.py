@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Literal, get_args
 
 from pydantic import Field
 
 from clothrf_core.rig import Section
 
 Family = Literal["sr300", "d435", "kinect", "disparity", "stereo"]
+Part = Literal["hands", "fabric", "size", "mesh", "camera", "light", "occluders", "sensor"]
 # How a strength becomes the strength of one roll-out.
 Episode = Literal["uniform", "fixed"]
 
@@ -113,6 +114,9 @@ class SensorNoise(Section):
 class StandardConfig(Section):
     """Options of the standard randomiser."""
 
+    only: list[Part] | None = Field(
+        None, description="parts that are on, the others have strength 0; none = all are on"
+    )
     hands: HandsNoise = HandsNoise()
     fabric: FabricSpread = FabricSpread()
     size: SizeSpread = SizeSpread()
@@ -121,3 +125,12 @@ class StandardConfig(Section):
     light: LightSpread = LightSpread()
     occluders: Occluders = Occluders()
     sensor: SensorNoise = SensorNoise()
+
+    def effective(self) -> StandardConfig:
+        """The same with the strengths that `only` leaves."""
+        if self.only is None:
+            return self
+        off = {part: getattr(self, part) for part in get_args(Part) if part not in self.only}
+        return self.model_copy(
+            update={p: section.model_copy(update={"strength": 0.0}) for p, section in off.items()}
+        )

@@ -26,8 +26,8 @@ class Standard(Randomizer):
     """
 
     def __init__(self, config: StandardConfig) -> None:
-        self.config = config
-        self._sensor = Sensor(config.sensor)
+        self.config = config.effective()
+        self._sensor = Sensor(self.config.sensor)
 
     @override
     def draw(self, rng: np.random.Generator, nominal: Randomization) -> Randomization:

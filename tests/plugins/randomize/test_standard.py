@@ -71,6 +71,14 @@ def test_strength_zero_of_one_part_leaves_the_draws_of_the_others(part, nominal)
     assert changed <= belongs[part]
 
 
+def test_only_leaves_the_named_parts_on(nominal):
+    alone = draws({"only": ["camera"]}, nominal, 1)[0]
+    others = {part: {"strength": 0.0} for part in PARTS if part != "camera"}
+    assert same(alone, draws(others, nominal, 1)[0])
+    assert not same(alone.camera, nominal.camera)
+    assert same(alone.simulation, nominal.simulation)
+
+
 def test_fabrics_are_log_uniform_between_half_and_double(nominal):
     drawn = draws(zero(fabric={"strength": 1.0}).model_dump(), nominal)
     ratios = np.array([d.simulation.fabric.bending / 2e-5 for d in drawn])
