@@ -74,8 +74,10 @@ class Cloths:
             (M, 2) evaluations and factors of each cloth that moved.
         """
         effort = Effort(substeps, iterations, tolerance)
-        chosen = list(range(self.count)) if only is None else list(only)
-        parts = [p for p in np.array_split(np.array(chosen, int), max(threads, 1)) if len(p)]
+        chosen = np.arange(self.count) if only is None else np.array(only, int)
+        parts = [chosen]
+        if threads > 1:
+            parts = [p for p in np.array_split(chosen, threads) if len(p)]
         while len(self._bands) < len(parts):
             self._bands.append(self._band())
 

@@ -15,7 +15,16 @@ import numpy as np
 from numba import njit
 
 from clothrf_sapien.banded import factor, solve
-from clothrf_sapien.elements import Past, Sheet, assemble, bend, constant_part, evaluate, measure
+from clothrf_sapien.elements import (
+    Past,
+    Sheet,
+    assemble,
+    bend,
+    blocks,
+    constant_part,
+    evaluate,
+    measure,
+)
 
 GRAVITY = 9.81
 ARMIJO = 1e-4
@@ -44,10 +53,11 @@ class Scratch(NamedTuple):
         A: flat band; S floats a column.
         S: floats a column.
         p: step, float32, padded with zeros.
-        g: (V, 3) gradient.
-        trial: (V, 3) positions.
-        work: (V, 3).
-        local: (5, V, 6) blocks of `evaluate`.
+        g: (3, V) gradient.
+        trial: (3, V) positions.
+        work: (4, V).
+        springs: (4, 5, V) of `evaluate`.
+        local: (5, 6, V) of `blocks`.
         constant: (6, V) of `constant_part`.
     """
 
@@ -57,6 +67,7 @@ class Scratch(NamedTuple):
     g: Any
     trial: Any
     work: Any
+    springs: Any
     local: Any
     constant: Any
 
@@ -66,7 +77,7 @@ def descend(x, sheet, past, effort, scratch):  # type: ignore[no-untyped-def]
     """Minimise the incremental potential from `x` on, in place.
 
     Args:
-        x: (V, 3) first guess, pinned vertices where they will be; replaced.
+        x: (3, V) first guess, pinned vertices where they will be; replaced.
         sheet: the cloth.
         past: what the step starts from.
         effort: when to stop.
@@ -76,24 +87,25 @@ def descend(x, sheet, past, effort, scratch):  # type: ignore[no-untyped-def]
         Evaluations of the potential and factors made.
     """
     A, S, p, g, trial = scratch.A, scratch.S, scratch.p, scratch.g, scratch.trial
-    num = x.shape[0]
-    e = evaluate(x, sheet, past, g, scratch.local, scratch.work)
+    num = x.shape[1]
+    e = evaluate(x, sheet, past, g, scratch.springs, scratch.work)
     evaluations = 1
     factors = 0
     for _ in range(effort.iterations):
+        blocks(scratch.springs, sheet, past, scratch.work, scratch.local)
         assemble(A, S, scratch.local, scratch.constant, sheet)
         factor(A, len(p), S)
         factors += 1
         p[:] = 0.0
-        for a in range(num):
-            for i in range(3):
-                p[3 * a + i] = -g[a, i]
+        for i in range(3):
+            for a in range(num):
+                p[3 * a + i] = -g[i, a]
         solve(A, len(p), S, p)
         slope = 0.0
         longest = 0.0
         for a in range(num):
             px, py, pz = p[3 * a], p[3 * a + 1], p[3 * a + 2]
-            slope += g[a, 0] * px + g[a, 1] * py + g[a, 2] * pz
+            slope += g[0, a] * px + g[1, a] * py + g[2, a] * pz
             longest = max(longest, px * px + py * py + pz * pz)
         longest = np.sqrt(longest)
         if not (np.isfinite(longest) and slope < 0.0):
@@ -101,10 +113,10 @@ def descend(x, sheet, past, effort, scratch):  # type: ignore[no-untyped-def]
         alpha = 1.0
         found = False
         for _ in range(20):
-            for a in range(num):
-                for i in range(3):
-                    trial[a, i] = x[a, i] + alpha * p[3 * a + i]
-            e_trial = evaluate(trial, sheet, past, g, scratch.local, scratch.work)
+            for i in range(3):
+                for a in range(num):
+                    trial[i, a] = x[i, a] + alpha * p[3 * a + i]
+            e_trial = evaluate(trial, sheet, past, g, scratch.springs, scratch.work)
             evaluations += 1
             if e_trial <= e + ARMIJO * alpha * slope + ROUND_OFF:
                 found = True
@@ -146,47 +158,49 @@ def advance(  # type: ignore[no-untyped-def]
     springs, lengths, limits, bending, mass, numbers = sheets
     count, num = x.shape[0], x.shape[1]
     h = dt / effort.substeps
-    y, x_n, bent_n = np.empty((num, 3)), np.empty((num, 3)), np.empty((num, 3))
-    l_n = np.zeros((4, num))
+    here = np.empty((3, num))
+    past = Past(np.empty((3, num)), np.empty((3, num)), np.empty((4, num)), np.empty((3, num)), h)
     scratch = Scratch(
         A,
         S,
         np.zeros(len(A) // S, np.float32),
-        np.empty((num, 3)),
-        np.empty((num, 3)),
-        np.empty((num, 3)),
-        np.zeros((5, num, 6), np.float32),
+        np.empty((3, num)),
+        np.empty((3, num)),
+        np.empty((4, num)),
+        np.zeros((4, 5, num)),
+        np.zeros((5, 6, num)),
         np.empty((6, num)),
     )
-    past = Past(x_n, y, l_n, bent_n, h)
     begin = np.empty((len(pins), 3))
     for c in range(count):
         sheet = Sheet(
-            springs[c], lengths[c], limits[c], bending[c], mass[c], numbers[c], free, columns, ends
-        )
+            springs[c], lengths[c], limits[c], bending[c], mass[c], numbers[c], pins, free,
+            columns, ends,
+        )  # fmt: skip
         constant_part(sheet, h, scratch.constant)
         xc, vc = x[c], v[c]
         for p in range(len(pins)):
             begin[p] = xc[pins[p]]
         for s in range(effort.substeps):
-            measure(xc, sheet, l_n)
-            bend(xc, sheet, bent_n)
             for a in range(num):
                 for i in range(3):
-                    x_n[a, i] = xc[a, i]
-                    xc[a, i] += h * vc[a, i]
-                    y[a, i] = xc[a, i]
-                y[a, 2] -= h * h * GRAVITY
+                    past.x[i, a] = xc[a, i]
+                    here[i, a] = xc[a, i] + h * vc[a, i]
+                    past.y[i, a] = here[i, a]
+                past.y[2, a] -= h * h * GRAVITY
+            measure(past.x, sheet, past.lengths)
+            bend(past.x, sheet, past.bent, scratch.work[0])
             t = (s + 1) / effort.substeps
             for p in range(len(pins)):
                 for i in range(3):
                     goal = targets[c, p, i]
                     if s < effort.substeps - 1:
                         goal = begin[p, i] + t * (goal - begin[p, i])
-                    xc[pins[p], i] = goal
-            evaluations, factors = descend(xc, sheet, past, effort, scratch)
+                    here[i, pins[p]] = goal
+            evaluations, factors = descend(here, sheet, past, effort, scratch)
             tally[c, 0] += evaluations
             tally[c, 1] += factors
             for a in range(num):
                 for i in range(3):
-                    vc[a, i] = (xc[a, i] - x_n[a, i]) / h
+                    xc[a, i] = here[i, a]
+                    vc[a, i] = (here[i, a] - past.x[i, a]) / h

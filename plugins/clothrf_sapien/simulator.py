@@ -21,6 +21,9 @@ REACH = 1e-3
 SETTLE_STEP = 1.0 / 30.0
 SETTLE_DRAG = 10.0
 JITTER = 1e-5
+FIRST = [0, 0, 0, 1, 1, 2]
+SECOND = [1, 2, 3, 2, 3, 3]
+"""The six pairs of corners: hand 0, hand 1, grasp 0, grasp 1."""
 
 
 class ClothBatch:
@@ -167,10 +170,10 @@ def reachable(corners: Float, size: tuple[float, float]) -> bool:
         corners: (4, 3) hand 0, hand 1, grasp 0, grasp 1.
         size: along u and v.
     """
-    flat = np.array([[0.0, 0.0], [size[0], 0.0], [0.0, size[1]], [size[0], size[1]]])
-    wanted = np.linalg.norm(corners[:, None] - corners[None], axis=-1)
-    own = np.linalg.norm(flat[:, None] - flat[None], axis=-1)
-    return bool(np.all(wanted <= own * (1.0 + REACH)))
+    w, v = size
+    own = np.array([w, v, np.hypot(w, v), np.hypot(w, v), v, w])
+    apart = corners[FIRST] - corners[SECOND]
+    return bool(np.all(np.einsum("ij,ij->i", apart, apart) <= (own * (1.0 + REACH)) ** 2))
 
 
 def _start(w: Weave, corners: Float, rng: np.random.Generator) -> Float:

@@ -40,6 +40,7 @@ def sheet(w: Weave, pins: Float) -> Sheet:
         w.bending,
         w.mass,
         w.numbers,
+        np.asarray(pins, np.int64),
         free,
         w.columns,
         neighbours(w.columns),
@@ -55,7 +56,8 @@ def crumpled(w: Weave, rng: np.random.Generator, *, stretch: float = 1.0) -> Flo
 def past(w: Weave, rng: np.random.Generator, *, h: float = 1 / 30) -> Past:
     x = crumpled(w, rng)
     y = x + rng.normal(scale=1e-3, size=x.shape)
-    return Past(x, y, spring_lengths(w, x), bending_matrix(w) @ x, h)
+    rows = [np.ascontiguousarray(p.T) for p in (x, y, bending_matrix(w) @ x)]
+    return Past(rows[0], rows[1], spring_lengths(w, x), rows[2], h)
 
 
 def spring_ends(w: Weave) -> list[tuple[int, np.ndarray, np.ndarray]]:
@@ -97,14 +99,14 @@ def energy(x: Float, w: Weave, before: Past) -> float:
     h, ratio = before.h, damping / before.h
     K = bending_matrix(w)
     total = float(
-        np.sum(w.mass[:, None] * (x - before.y) ** 2) / (2 * h * h)
-        + drag / (2 * h) * np.sum(w.mass[:, None] * (x - before.x) ** 2)
-        + np.sum(x * (0.5 * (1 + ratio) * (K @ x) - ratio * (K @ before.x)))
+        np.sum(w.mass[:, None] * (x - before.y.T) ** 2) / (2 * h * h)
+        + drag / (2 * h) * np.sum(w.mass[:, None] * (x - before.x.T) ** 2)
+        + np.sum(x * (0.5 * (1 + ratio) * (K @ x) - ratio * (K @ before.x.T)))
     )
     for f, u, v in spring_ends(w):
         k = w.springs[f][w.springs[f] > 0]
         size = np.linalg.norm(x[v] - x[u], axis=1)
-        was = np.linalg.norm(before.x[v] - before.x[u], axis=1)
+        was = np.linalg.norm(before.x.T[v] - before.x.T[u], axis=1)
         over = np.maximum(size - w.limits[f], 0.0)
         total += float(
             np.sum(
@@ -130,7 +132,7 @@ def hessian(x: Float, w: Weave, before: Past) -> Float:
             d = x[b] - x[a]
             size = float(np.linalg.norm(d))
             d /= size
-            was = float(np.linalg.norm(before.x[b] - before.x[a]))
+            was = float(np.linalg.norm(before.x.T[b] - before.x.T[a]))
             over = max(size - w.limits[f], 0.0)
             force = k * (size - w.lengths[f] + ratio * (size - was) + taut * over)
             slope = k * (1 + ratio + (taut if over > 0 else 0.0))

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from clothrf_sapien.banded import band_shape, factor, solve
-from clothrf_sapien.elements import assemble, bend, constant_part, evaluate, measure
+from clothrf_sapien.elements import assemble, bend, blocks, constant_part, evaluate, measure
 from scipy.linalg import solveh_banded
 
 from .sheets import (
@@ -23,10 +23,24 @@ NOTHING = np.zeros(0, np.int64)
 
 
 def evaluated(w, x, before, pins=NOTHING):
+    """Energy, (V, 3) gradient and the springs' blocks, from the kernels."""
     num = len(w.mass)
-    g, local = np.empty((num, 3)), np.zeros((5, num, 6), np.float32)
-    value = evaluate(x, sheet(w, pins), before, g, local, np.empty((num, 3)))
-    return value, g, local
+    g, springs, work = np.empty((3, num)), np.zeros((4, 5, num)), np.empty((4, num))
+    local = np.zeros((5, 6, num))
+    s = sheet(w, pins)
+    value = evaluate(np.ascontiguousarray(x.T), s, before, g, springs, work)
+    blocks(springs, s, before, work, local)
+    return value, g.T, local
+
+
+def assembled(w, before, local, pins=NOTHING):
+    """The band as a dense matrix."""
+    num = len(w.mass)
+    columns, S = band_shape(3 * num, 3 * (max(w.columns, 2) + 1) + 2)
+    A, constant = np.full(columns * S, 7.0, np.float32), np.empty((6, num))
+    constant_part(sheet(w, pins), before.h, constant)
+    assemble(A, S, local, constant, sheet(w, pins))
+    return dense(A, columns, S, 3 * num)
 
 
 @pytest.mark.parametrize("resolution", RESOLUTIONS)
@@ -64,15 +78,9 @@ def test_the_band_holds_the_projected_hessian(resolution) -> None:
     w = woven(resolution)
     x, before = crumpled(w, rng), past(w, rng)
     local = evaluated(w, x, before)[2]
-    num = len(w.mass)
-    columns, S = band_shape(3 * num, 3 * (max(w.columns, 2) + 1) + 2)
-    A, constant = np.full(columns * S, 7.0, np.float32), np.empty((6, num))
-
-    constant_part(sheet(w, NOTHING), before.h, constant)
-    assemble(A, S, local, constant, sheet(w, NOTHING))
 
     H = hessian(x, w, before)
-    assert np.abs(dense(A, columns, S, 3 * num) - H).max() < 3e-7 * np.abs(H).max()
+    assert np.abs(assembled(w, before, local) - H).max() < 3e-7 * np.abs(H).max()
 
 
 def test_under_tension_the_hessian_is_the_gradient_s_by_finite_differences() -> None:
@@ -117,28 +125,25 @@ def test_pinned_vertices_are_no_unknowns() -> None:
     pins = np.array([0, 3, 10])
     x, before = crumpled(w, rng), past(w, rng)
     _, g, local = evaluated(w, x, before, pins)
-    num = len(w.mass)
-    columns, S = band_shape(3 * num, 3 * (w.columns + 1) + 2)
-    A, constant = np.empty(columns * S, np.float32), np.empty((6, num))
-    constant_part(sheet(w, pins), before.h, constant)
-    assemble(A, S, local, constant, sheet(w, pins))
 
-    H = dense(A, columns, S, 3 * num)
+    H = assembled(w, before, local, pins)
     rows = (3 * pins[:, None] + np.arange(3)).ravel()
     assert not g[pins].any()
-    assert np.array_equal(H[rows], np.eye(3 * num)[rows])
+    assert np.array_equal(H[rows], np.eye(len(H))[rows])
 
 
 def test_bending_and_lengths_equal_their_numpy_twins() -> None:
     rng = np.random.default_rng(8)
     w = woven((6, 7))
     x = crumpled(w, rng)
-    bent, lengths = np.empty_like(x), np.zeros_like(w.springs)
+    rows, bent = np.ascontiguousarray(x.T), np.empty((3, len(x)))
+    lengths = np.zeros_like(w.springs)
 
-    bend(x, sheet(w, NOTHING), bent)
-    measure(x, sheet(w, NOTHING), lengths)
+    bend(rows, sheet(w, NOTHING), bent, np.empty(len(x)))
+    measure(rows, sheet(w, NOTHING), lengths)
+    lengths[w.springs == 0] = 0.0
 
-    assert np.allclose(bent, bending_matrix(w) @ x, rtol=0, atol=1e-12 * np.abs(x).max())
+    assert np.allclose(bent.T, bending_matrix(w) @ x, rtol=0, atol=1e-12 * np.abs(x).max())
     assert np.allclose(lengths, spring_lengths(w, x), rtol=1e-14)
 
 
