@@ -8,6 +8,7 @@ from multiprocessing.connection import Connection
 
 import numpy as np
 
+from clothrf_core.errors import ClothrfError
 from clothrf_core.provider import Figure
 from clothrf_egm.config import EgmConfig
 from clothrf_egm.controller import CYCLE_S, ControllerModel
@@ -42,7 +43,10 @@ def same_cycle(*, quick: bool) -> list[Figure]:
                 puts += 1
             tick += CYCLE_S
             time.sleep(max(tick - time.monotonic(), 0.0))
-        counters = here.recv()
+        try:
+            counters = here.recv()
+        except EOFError as error:
+            raise ClothrfError("the simulated controllers ended early; see above") from error
         health = end.health()
         controllers.join()
     detail = {

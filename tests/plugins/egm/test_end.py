@@ -15,6 +15,7 @@ from clothrf_egm.simulator import EgmSimulator
 
 from clothrf_core.errors import ClothrfError
 from clothrf_core.registry import Registry
+from clothrf_core.testing.arm_model import check_bridge_end
 
 START = np.linspace(-0.3, 0.3, 14)
 ZERO = np.zeros(14)
@@ -198,6 +199,10 @@ def test_broken_postures_are_refused_and_the_last_is_held(end, q, qd):
             end.put(q, qd)
         time.sleep(0.02)
         np.testing.assert_allclose(sim.q, START + 0.01, atol=1e-5)
+
+
+def test_it_keeps_the_contract_of_bridge_ends():
+    check_bridge_end(lambda: EgmEnd(CONFIG), joints=14)
 
 
 def test_the_registry_builds_it_and_it_listens_on_loopback_by_default():
