@@ -52,7 +52,7 @@ class TrainingSection(Section):
     iterations: int = Field(20, ge=1, description="N")
     rollouts: int = Field(5, ge=1, description="a iteration")
     steps: int = Field(100, ge=1, description="samples a roll-out")
-    stride: int = Field(1, ge=1, description="control steps from one sample to the next")
+    stride: int = Field(3, ge=1, description="control steps from one sample to the next")
     beta: float = Field(0.8, ge=0.0, le=1.0, description="beta_i = beta ** (i - 1)")
     mix: Literal["coin", "blend"] = Field(
         "coin",

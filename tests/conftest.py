@@ -53,6 +53,7 @@ plugin = "toy_none"
 iterations = 3
 rollouts = 2
 steps = 8
+stride = 1
 [collection]
 engine = "sequential"
 [evaluation]

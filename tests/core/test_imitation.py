@@ -203,3 +203,21 @@ def test_a_large_view_lives_in_a_file(run, monkeypatch):
     large = data.view(data.paths())
     assert np.array_equal(large.features, small.features)
     assert (run.dataset / "cache" / "features.npy").exists()
+
+
+def test_between_two_looks_time_passes_and_nothing_is_drawn(toy, toy_experiment, monkeypatch):
+    from clothrf_core.rollout import RolloutJob, roll_out
+    from clothrf_core.testing.fakes import SplatCamera
+
+    drawn = []
+    render = SplatCamera.render
+    monkeypatch.setattr(
+        SplatCamera, "render", lambda self, *a: (drawn.append(1), render(self, *a))[1]
+    )
+    shop = compose.workshop(config.load(toy_experiment, toy), toy)
+    job = RolloutJob("", "", 0, "iteration", 1, 0, "ahead", steps=5, stride=4)
+    rollout = roll_out(shop, job, None)
+    assert len(rollout) == len(drawn) == 5
+    assert abs(shop.world.state.time_s - 20 / 30) < 1e-9
+    moved = np.linalg.norm(np.diff(rollout.hands[:, 0], axis=0), axis=1)
+    assert np.allclose(moved, 0.08 * 4 / 30, rtol=0.02)
