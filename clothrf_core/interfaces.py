@@ -252,6 +252,11 @@ class JointLimits(Protocol):
 
     @property
     @abstractmethod
+    def cruise(self) -> Float:
+        """Greatest acceleration while following targets, rad/s^2; at most `acceleration`."""
+
+    @property
+    @abstractmethod
     def jerk(self) -> Float:
         """Greatest jerk, rad/s^3, in stops too."""
 

@@ -65,6 +65,11 @@ class CraneLimits(JointLimits):
 
     @property
     @override
+    def cruise(self) -> Float:
+        return self._acceleration * self._ones
+
+    @property
+    @override
     def jerk(self) -> Float:
         return 1e4 * self._ones
 

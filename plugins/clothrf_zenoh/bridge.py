@@ -3,7 +3,7 @@
 Each 4 ms, `Bridge.tick` gives one posture, and there is no other way to the robot:
 
     command ── check_sender ── check_command ──> newest command
-    newest command ── stopping point ── limiter (speed, acceleration, jerk) ──> candidate
+    newest command ── heading ── limiter (speed, acceleration, jerk) ──> candidate
     candidate ── check_motion ── check_grippers ── check_clearance ──> output
 
 A command that fails is refused, counted and, if it came from the armed client, stops the arms along
@@ -34,6 +34,9 @@ from clothrf_zenoh.messages import JointTrajectoryCodec
 from clothrf_zenoh.state import Event, State, after
 
 MOVING = frozenset({State.ARMED, State.RUNNING})
+
+# Ticks between two looks ahead; at 0.25 m/s a gripper moves 3 mm in this time.
+LOOK_EVERY = 3
 
 
 @dataclass(slots=True)
@@ -107,7 +110,7 @@ class Bridge:
         self._points = np.zeros((2, 3))
         self._measured: Float | None = None
         self._last_tick_ns: int | None = None
-        self._look_ahead_now = False
+        self._since_look = 0
 
     # ---- commands -------------------------------------------------------------------------------
 
@@ -150,7 +153,7 @@ class Bridge:
         self.tally.accepted += 1
         # Following the point where the client's own motion would end, not the one where it is,
         # takes away the lag that a second limiter behind the client's would add.
-        target = checks.stopping_point(q, command.velocities, None, self.bounds)
+        target = checks.heading(q, command.velocities, self.bounds)
         self._newest = _Newest(q, target, sender.stamp_ns, now.mono_ns)
         self._go(Event.COMMAND)
         return None
@@ -327,8 +330,8 @@ class Bridge:
         self.tally.least_clearance = min(self.tally.least_clearance, distance[0])
         if self.state is State.RUNNING:
             ahead = checks.check_grippers(points, self._points, bounds.tcp_speed, bounds)
-            self._look_ahead_now = not self._look_ahead_now
-            if ahead is None and self._look_ahead_now:
+            self._since_look = (self._since_look + 1) % LOOK_EVERY
+            if ahead is None and self._since_look == 0:
                 ahead = self._look_ahead(q, qd, qdd, distance[0])
             if ahead is not None:
                 self._halt(ahead)
@@ -338,7 +341,7 @@ class Bridge:
     def _look_ahead(self, q: Float, qd: Float, qdd: Float, distance: float) -> Refusal | None:
         """Would a stop begun now end inside the box and clear of everything?
 
-        Every second tick. Bodies that are close but move apart are no reason to stop.
+        Every third tick. Bodies that are close but move apart are no reason to stop.
         """
         rest = checks.stopping_point(q, qd, qdd, self.bounds)
         points = self._arm.grasp_points(rest)

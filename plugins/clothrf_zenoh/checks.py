@@ -7,7 +7,8 @@ Order of a command's life: `check_sender` (is it the armed client's, in order, f
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, field
 from enum import StrEnum
 
 import numpy as np
@@ -117,13 +118,13 @@ class Bounds:
         lower: soft limit, rad.
         upper: soft limit, rad.
         velocity: rad/s.
-        acceleration: rad/s^2.
+        acceleration: rad/s^2, in stops too.
+        cruise: rad/s^2, while following targets.
         jerk: rad/s^3.
         dt: period of the loop, s.
         tcp_speed: of each gripper, m/s; above it the arms stop.
         tcp_speed_hard: never sent, m/s.
-        box_low: (3,) corner of the grippers' box, world, m.
-        box_high: (3,) opposite corner, m.
+        box: lowest and highest corner of the grippers' box, world, m.
         clearance: least distance of any pair that is ever sent, m.
         clearance_ahead: the same for the posture where the arms could stop, m.
         max_age_ns: oldest stamp.
@@ -131,6 +132,10 @@ class Bounds:
         start_joint: first command's distance from the present posture, rad.
         start_tcp: the same at the grippers, m.
         following: greatest distance between sent and measured posture, rad.
+        command_limit: low and high of (q, qd), (2 J,).
+        motion_limit: low and high of (q, qd, step, qdd, speed step), (5 J,).
+        cruising: a^2/j, 1/(2 a), a/(2 j), 1/j with a = cruise, for `heading`.
+        stopping: the same with a = acceleration, for `stopping_point`.
     """
 
     names: tuple[str, ...]
@@ -138,12 +143,12 @@ class Bounds:
     upper: Float
     velocity: Float
     acceleration: Float
+    cruise: Float
     jerk: Float
     dt: float
     tcp_speed: float
     tcp_speed_hard: float
-    box_low: Float
-    box_high: Float
+    box: tuple[tuple[float, float, float], tuple[float, float, float]]
     clearance: float
     clearance_ahead: float
     max_age_ns: int
@@ -151,6 +156,25 @@ class Bounds:
     start_joint: float
     start_tcp: float
     following: float
+    command_limit: tuple[Float, Float] = field(init=False, repr=False)
+    motion_limit: tuple[Float, Float] = field(init=False, repr=False)
+    cruising: tuple[Float, Float, Float, Float] = field(init=False, repr=False)
+    stopping: tuple[Float, Float, Float, Float] = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        v, a, slack = self.velocity, self.acceleration, 1e-9
+        command = (np.concatenate((self.lower, -v)), np.concatenate((self.upper, v)))
+        spans = (v, v * self.dt, a, a * self.dt)
+        motion = (
+            np.concatenate((self.lower, *(-span - slack for span in spans))),
+            np.concatenate((self.upper, *(span + slack for span in spans))),
+        )
+        object.__setattr__(self, "command_limit", command)
+        object.__setattr__(self, "motion_limit", motion)
+        j = self.jerk
+        for name, rate in (("cruising", self.cruise), ("stopping", a)):
+            constants = (rate * rate / j, 0.5 / rate, 0.5 * rate / j, 1.0 / j)
+            object.__setattr__(self, name, constants)
 
 
 def check_sender(
@@ -195,14 +219,20 @@ def check_command(
     if command.frame_id != epoch_frame(grant.epoch):
         return Refusal(Reason.EPOCH, "frame_id", epoch_frame(grant.epoch), command.frame_id)
     q, qd = command.positions, command.velocities
-    refusal = within("position", q, bounds.lower, bounds.upper, bounds.names, Reason.JOINT)
-    if refusal is None:
-        refusal = below("velocity", qd, bounds.velocity, bounds.names, Reason.VELOCITY)
-    if refusal is None:
-        # Two ticks of slack: stamps of a paced stream jitter, its positions do not.
-        reach = bounds.velocity * (max(elapsed_s, 0.0) + 2.0 * bounds.dt)
-        refusal = below("step", q - before, reach, bounds.names, Reason.JUMP)
-    return refusal
+    low, high = bounds.command_limit
+    everything = np.concatenate((q, qd))
+    # Two ticks of slack: stamps of a paced stream jitter, its positions do not.
+    window = max(elapsed_s, 0.0) + 2.0 * bounds.dt
+    if ((everything >= low) & (everything <= high)).all() and (
+        np.abs(q - before) <= bounds.velocity * window
+    ).all():
+        return None
+    names, v = bounds.names, bounds.velocity
+    return (
+        within("position", q, bounds.lower, bounds.upper, names, Reason.JOINT)
+        or within("velocity", qd, -v, v, names, Reason.VELOCITY)
+        or within("step", q - before, -v * window, v * window, names, Reason.JUMP)
+    )
 
 
 def check_start(
@@ -232,36 +262,34 @@ def check_motion(
     before: tuple[Float, Float], q: Float, qd: Float, qdd: Float, bounds: Bounds
 ) -> Refusal | None:
     """Is this output a motion that the joints can do? The numbers themselves and their steps."""
-    refusal = within("output", q, bounds.lower, bounds.upper, bounds.names, Reason.JOINT)
-    if refusal is None:
-        refusal = below("speed", qd, bounds.velocity, bounds.names, Reason.VELOCITY)
-    if refusal is None:
-        refusal = below("step", q - before[0], bounds.velocity * bounds.dt, bounds.names, None)
-    if refusal is None:
-        refusal = below("acceleration", qdd, bounds.acceleration, bounds.names, Reason.ACCELERATION)
-    if refusal is None:
-        refusal = below(
-            "speed step",
-            qd - before[1],
-            bounds.acceleration * bounds.dt,
-            bounds.names,
-            Reason.ACCELERATION,
-        )
-    return refusal
+    step, speed_step = q - before[0], qd - before[1]
+    low, high = bounds.motion_limit
+    everything = np.concatenate((q, qd, step, qdd, speed_step))
+    if ((everything >= low) & (everything <= high)).all():
+        return None
+    names, v, a, dt = bounds.names, bounds.velocity, bounds.acceleration, bounds.dt
+    return (
+        within("output", q, bounds.lower, bounds.upper, names, Reason.JOINT)
+        or below("speed", qd, v, names, Reason.VELOCITY)
+        or below("step", step, v * dt, names, Reason.VELOCITY)
+        or below("acceleration", qdd, a, names, Reason.ACCELERATION)
+        or below("speed step", speed_step, a * dt, names, Reason.ACCELERATION)
+    )
 
 
 def check_grippers(
     points: Float, points_before: Float, speed_limit: float, bounds: Bounds
 ) -> Refusal | None:
     """Are both grippers inside their box and slow enough over the last tick?"""
-    if not ((points >= bounds.box_low) & (points <= bounds.box_high)).all():
-        inside = f"inside {bounds.box_low.tolist()} to {bounds.box_high.tolist()} m"
-        return Refusal(Reason.TCP_BOX, "gripper", inside, str(points.round(4).tolist()))
-    step = points - points_before
-    fastest = float(np.sqrt(np.einsum("ij,ij->i", step, step).max())) / bounds.dt
-    if not fastest <= speed_limit:
-        limit = f"at most {speed_limit:g} m/s"
-        return Refusal(Reason.TCP_SPEED, "gripper speed", limit, f"{fastest:.3f}")
+    low, high = bounds.box
+    for (x, y, z), (u, v, w) in zip(points.tolist(), points_before.tolist(), strict=True):
+        if not (low[0] <= x <= high[0] and low[1] <= y <= high[1] and low[2] <= z <= high[2]):
+            inside = f"inside {list(low)} to {list(high)} m"
+            return Refusal(Reason.TCP_BOX, "gripper", inside, f"{x:.4f}, {y:.4f}, {z:.4f}")
+        speed = math.sqrt((x - u) ** 2 + (y - v) ** 2 + (z - w) ** 2) / bounds.dt
+        if not speed <= speed_limit:
+            limit = f"at most {speed_limit:g} m/s"
+            return Refusal(Reason.TCP_SPEED, "gripper speed", limit, f"{speed:.3f}")
     return None
 
 
@@ -276,25 +304,33 @@ def check_clearance(found: tuple[float, str], least: float) -> Refusal | None:
 
 def check_following(measured: Float, sent: Float, bounds: Bounds) -> Refusal | None:
     """Are the arms where they were sent?"""
+    error = measured - sent
+    if np.abs(error).max() <= bounds.following:
+        return None
     reach = np.full(len(sent), bounds.following)
-    return below("measured - sent", measured - sent, reach, bounds.names, Reason.FOLLOWING)
+    return below("measured - sent", error, reach, bounds.names, Reason.FOLLOWING)
 
 
-def stopping_point(q: Float, qd: Float, qdd: Float | None, bounds: Bounds) -> Float:
-    """(J,) where each joint comes to rest if it stops as fast as it may.
+def heading(q: Float, qd: Float, bounds: Bounds) -> Float:
+    """(J,) where a client at (q, qd) would come to rest by itself: what to head for.
 
     Symmetric S-curve from speed v: T = v/a + a/j when v > a^2/j, else 2 sqrt(v/j); distance v T/2.
-    A joint still gaining speed first takes |qdd|/j to let go of its acceleration.
     """
-    a, j = bounds.acceleration, bounds.jerk
+    knee, per_a, rise, per_j = bounds.cruising
     v = np.abs(qd)
-    if qdd is None:
-        duration = np.where(v * j > a * a, v / a + a / j, 2.0 * np.sqrt(v / j))
-        return q + qd * (0.5 * duration)
-    release = np.maximum(np.sign(qd) * qdd, 0.0) / j
-    v += 0.5 * j * release * release
-    duration = np.where(v * j > a * a, v / a + a / j, 2.0 * np.sqrt(v / j))
-    return q + np.sign(qd) * v * (release + 0.5 * duration)
+    return q + qd * np.where(v > knee, v * per_a + rise, np.sqrt(v * per_j))
+
+
+def stopping_point(q: Float, qd: Float, qdd: Float, bounds: Bounds) -> Float:
+    """(J,) where each joint comes to rest if it stops as fast as it may.
+
+    As `heading`, but a joint still gaining speed first takes |qdd|/j to let go of its acceleration.
+    """
+    knee, per_a, rise, per_j = bounds.stopping
+    release = np.maximum(np.sign(qd) * qdd, 0.0) * per_j
+    v = np.abs(qd) + 0.5 * bounds.jerk * release * release
+    half = np.where(v > knee, v * per_a + rise, np.sqrt(v * per_j))
+    return q + np.sign(qd) * v * (release + half)
 
 
 def within(
@@ -311,7 +347,7 @@ def within(
 
 
 def below(
-    field: str, values: Float, limit: Float, names: tuple[str, ...], reason: Reason | None
+    field: str, values: Float, limit: Float, names: tuple[str, ...], reason: Reason
 ) -> Refusal | None:
     """Every magnitude at most its limit, to 1e-9 of rounding; NaN is above."""
     good = np.abs(values) <= limit + 1e-9
@@ -319,5 +355,5 @@ def below(
         return None
     i = int(np.argmin(good))
     bad = float(values[i])
-    why = (reason or Reason.VELOCITY) if np.isfinite(bad) else Reason.NOT_FINITE
+    why = reason if np.isfinite(bad) else Reason.NOT_FINITE
     return Refusal(why, f"{field} {names[i]}", f"at most {limit[i]:.4f}", f"{bad:.4f}")

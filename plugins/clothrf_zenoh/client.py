@@ -66,7 +66,7 @@ class BridgeClient:
         self._targets = Outlet(session, keys.grasp_targets, self._gid)
         ring = zenoh.handlers.RingChannel
         self._states = session.declare_subscriber(keys.joint_states.any_distribution, ring(1))
-        self._health = session.declare_subscriber(keys.diagnostics.any_distribution, ring(4))
+        self._health = session.declare_subscriber(keys.diagnostics.any_distribution, ring(16))
         for thing in (self._commands, self._targets, self._states, self._health):
             self._stack.callback(thing.undeclare)
         zid, node = str(session.info.zid()), "clothrf_sender"
@@ -129,15 +129,22 @@ class BridgeClient:
                     self.joints = joints
             except MalformedMessage:
                 fresh = False
-        while (sample := self._health.try_recv()) is not None:
-            try:
-                statuses = decode_diagnostics(sample.payload.to_bytes()).statuses
-            except MalformedMessage:
-                continue
-            if statuses:
-                self._heard(dict(statuses[0].values))
+        self.hear()
         self._finish_renewal()
         return fresh
+
+    def hear(self) -> list[tuple[int, Mapping[str, str]]]:
+        """The bridge's news since the last call: (its wall clock in ns, status)."""
+        news: list[tuple[int, Mapping[str, str]]] = []
+        while (sample := self._health.try_recv()) is not None:
+            try:
+                message = decode_diagnostics(sample.payload.to_bytes())
+            except MalformedMessage:
+                continue
+            if message.statuses:
+                news.append((message.stamp_ns, dict(message.statuses[0].values)))
+                self._heard(news[-1][1])
+        return news
 
     def _heard(self, status: Mapping[str, str]) -> None:
         self.status = status

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from pydantic import ValidationError
 
 from clothrf_core.config import read_toml
@@ -133,8 +132,8 @@ def bounds_of(arm: ArmModel, limits: LimitsSection, dt: float) -> Bounds:
     Raises:
         ConfigError: limits that contradict each other.
     """
-    low, high = np.array(limits.box_low, float), np.array(limits.box_high, float)
-    if not (low < high).all():
+    box = (_point(limits.box_low), _point(limits.box_high))
+    if not all(low < high for low, high in zip(*box, strict=True)):
         raise ConfigError(f"limits.box_low: expected below box_high, found {limits.box_low}")
     if limits.tcp_speed > limits.tcp_speed_hard:
         raise ConfigError(
@@ -148,12 +147,12 @@ def bounds_of(arm: ArmModel, limits: LimitsSection, dt: float) -> Bounds:
         upper=joint.soft_upper,
         velocity=joint.velocity,
         acceleration=joint.acceleration,
+        cruise=joint.cruise,
         jerk=joint.jerk,
         dt=dt,
         tcp_speed=limits.tcp_speed,
         tcp_speed_hard=limits.tcp_speed_hard,
-        box_low=low,
-        box_high=high,
+        box=box,
         clearance=limits.clearance,
         clearance_ahead=max(limits.clearance, limits.clearance_ahead),
         max_age_ns=int(1e9 * limits.max_age_s),
@@ -162,3 +161,8 @@ def bounds_of(arm: ArmModel, limits: LimitsSection, dt: float) -> Bounds:
         start_tcp=limits.start_tcp,
         following=limits.following,
     )
+
+
+def _point(values: list[float]) -> tuple[float, float, float]:
+    x, y, z = values
+    return (float(x), float(y), float(z))

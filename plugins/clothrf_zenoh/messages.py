@@ -12,7 +12,6 @@ import struct
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from clothrf_core.types import Float
 from clothrf_zenoh.cdr import HEADER, Reader, Writer
@@ -188,19 +187,24 @@ class JointTrajectoryCodec:
         Raises:
             MalformedMessage: any byte is not where the template has it; names the field.
         """
-        if len(data) != len(self._template) or any(data[a:b] != c for a, b, c in self._fixed):
+        if len(data) != len(self._template):
             raise self._diagnosis(data)
+        for start, stop, wanted in self._fixed:
+            if data[start:stop] != wanted:
+                raise self._diagnosis(data)
         seconds, nanoseconds = _STAMP.unpack_from(data, 4)
         due_s, due_ns = _STAMP.unpack_from(data, self._due)
         frame = data[self._frame[0] : self._frame[1]]
         if nanoseconds >= _BILLION or due_ns >= _BILLION or not frame.isascii() or 0 in frame:
             raise self._diagnosis(data)
+        # Both vectors with the length field between them, copied to aligned memory at once.
         count = len(self.names)
+        both = np.frombuffer(data, "<f8", 2 * count + 1, self._q).copy()
         return JointTrajectory(
             stamp_ns=seconds * _BILLION + nanoseconds,
             frame_id=frame.decode("ascii"),
-            positions=_floats(data, self._q, count),
-            velocities=_floats(data, self._qd, count),
+            positions=both[:count],
+            velocities=both[count + 1 :],
             time_from_start_ns=due_s * _BILLION + due_ns,
         )
 
@@ -240,11 +244,6 @@ class JointTrajectoryCodec:
         return MalformedMessage(
             "JointTrajectory", expected=f"{self.size} bytes of one layout", found=f"{len(data)}"
         )
-
-
-def _floats(data: bytes, at: int, count: int) -> Float:
-    values: NDArray[np.float64] = np.frombuffer(data, "<f8", count, at).astype(np.float64)
-    return values
 
 
 def encode_pose_array(message: PoseArray) -> bytes:

@@ -79,14 +79,12 @@ class Pace:
         return now
 
 
-def prepare_process(*, priority: int, cpu: int | None = None) -> str:
+def be_punctual(*, priority: int, cpu: int | None = None) -> str:
     """Make this process as punctual as it may be; says what was granted.
 
-    SCHED_FIFO if permitted, else a better nice value, else nothing. The garbage collector is told
-    to leave what exists alone.
+    SCHED_FIFO if permitted, else a better nice value, else nothing. Call it before Zenoh is opened:
+    its threads inherit the scheduling, and a loop that outruns its own network loses messages.
     """
-    gc.collect()
-    gc.freeze()
     if cpu is not None:
         with contextlib.suppress(OSError):
             os.sched_setaffinity(0, {cpu})
@@ -102,6 +100,12 @@ def prepare_process(*, priority: int, cpu: int | None = None) -> str:
         return "nice -10"
     except OSError:
         return "default scheduling (no permission for SCHED_FIFO)"
+
+
+def settle_memory() -> None:
+    """Tell the garbage collector to leave alone what exists; call it before the loop."""
+    gc.collect()
+    gc.freeze()
 
 
 def wall_ns() -> int:

@@ -18,6 +18,7 @@ from clothrf_core.clock import Clock
 from clothrf_core.errors import DataError
 from clothrf_core.types import Float
 from clothrf_zenoh.client import BridgeClient
+from clothrf_zenoh.faults import MalformedMessage
 from clothrf_zenoh.keys import JOINT_TRAJECTORY
 from clothrf_zenoh.messages import JointTrajectory, JointTrajectoryCodec
 
@@ -52,6 +53,8 @@ def read_commands(path: Path, names: tuple[str, ...]) -> Recorded:
                     commands.append(codec.decode(message.data))
     except FileNotFoundError as error:
         raise DataError(f"{path}: expected a recording, found no file") from error
+    except MalformedMessage as error:
+        raise DataError(f"{path}: expected commands for these arms; {error}") from error
     except (McapError, OSError, ValueError) as error:
         raise DataError(f"{path}: expected an intact MCAP file, found {error}") from error
     if not commands:

@@ -20,6 +20,7 @@ def status_of(
     values: dict[str, str | float] = {
         "state": str(bridge.state),
         "reason": bridge.why,
+        "at_rest": str(bridge.at_rest),
         "epoch": epoch,
         "ticks": pace.ticks,
         "overruns": pace.overruns,

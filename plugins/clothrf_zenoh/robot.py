@@ -144,6 +144,7 @@ class StreamedYumi(Robot):
             "sent": news.sent,
             "refused": news.refused,
             "rate_hz": news.rate_hz,
+            "lateness_p99_us": news.lateness_p99_us,
             "age_ms": 1e-6 * (time.monotonic_ns() - news.measured_ns),
             "least_clearance_m": news.least_clearance,
         }

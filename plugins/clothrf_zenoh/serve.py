@@ -16,7 +16,7 @@ from clothrf_zenoh.bridge import MOVING, Bridge
 from clothrf_zenoh.checks import Instant
 from clothrf_zenoh.compose import BridgeFile, bounds_of, build_arm, build_end
 from clothrf_zenoh.messages import JointState, encode_diagnostics, encode_joint_state
-from clothrf_zenoh.pace import Pace, prepare_process, wall_ns
+from clothrf_zenoh.pace import Pace, be_punctual, settle_memory, wall_ns
 from clothrf_zenoh.report import diagnostics_of, status_of
 from clothrf_zenoh.requests import Reply
 from clothrf_zenoh.session import keys_of, open_session
@@ -35,7 +35,7 @@ class Server:
         clock: time.
         rate_hz: ticks a second.
         state_rate_hz: joint states a second.
-        health_rate_hz: diagnostics a second; a change of state is published at once as well.
+        health_rate_hz: diagnostics a second; a change is published at once as well.
     """
 
     def __init__(
@@ -59,7 +59,7 @@ class Server:
         self._state_every = max(1, round(rate_hz / state_rate_hz))
         self._health_every = max(1, round(rate_hz / health_rate_hz))
         self._epoch = 0
-        self._published = ("", "")
+        self._published = ("", "", True)
 
     def run(self, stop: Callable[[], bool]) -> None:
         """Tick until `stop`, then let the arms come to rest."""
@@ -89,10 +89,10 @@ class Server:
         if measured is not None and ticks % self._state_every == 0:
             state = JointState(now.wall_ns, "", self._names, *measured)
             self._wire.state.put(encode_joint_state(state), now.wall_ns)
-        news = (str(self.bridge.state), self.bridge.why)
+        news = (str(self.bridge.state), self.bridge.why, self.bridge.at_rest)
         if news != self._published or ticks % self._health_every == 0:
-            if news != self._published:
-                logger.info("bridge: %s %s", *news)
+            if news[:2] != self._published[:2]:
+                logger.info("bridge: %s %s", *news[:2])
             self._published = news
             self._publish_health(now)
 
@@ -185,6 +185,7 @@ def serve(
         max_gap_s=config.limits.max_gap_s,
         first_epoch=int(wall_ns() // 1_000_000_000) & 0xFFFFFFFF,
     )
+    scheduling = be_punctual(priority=config.realtime_priority, cpu=config.cpu)
     with ExitStack() as stack:
         session = stack.enter_context(open_session(config.zenoh, file.folder))
         end = stack.enter_context(build_end(file, registry))
@@ -199,7 +200,7 @@ def serve(
             state_rate_hz=config.state_rate_hz,
             health_rate_hz=config.diagnostics_rate_hz,
         )
-        scheduling = prepare_process(priority=config.realtime_priority, cpu=config.cpu)
+        settle_memory()
         where = ", ".join(config.zenoh.listen or config.zenoh.connect)
         ready(f"bridge: {config.rate_hz:g} Hz on {where}, {scheduling}")
         server.run(stop)

@@ -40,7 +40,8 @@ def options_of(section: ZenohSection, folder: Path) -> dict[str, Any]:
     first, longest = section.retry_s
     retry = {"period_init_ms": int(1e3 * first), "period_max_ms": int(1e3 * longest)}
     options: dict[str, Any] = {
-        "mode": "peer",
+        # The side that listens is the hub of a star: what one client sends, a recorder may see.
+        "mode": "router" if section.listen else "peer",
         "listen/endpoints": section.listen,
         "listen/exit_on_failure": True,
         "connect/endpoints": section.connect,
@@ -133,7 +134,8 @@ def _rules(role: Role, keys: Keys) -> list[tuple[str, Strings, Strings, Strings]
         ("receive", out, ("put", "liveliness_token", "liveliness_query"), state),
         ("ask-liveliness", into, ("liveliness_query",), state),
         ("ask", into, ("query",), requests),
-        ("answer", out, ("reply", "declare_queryable"), requests),
+        ("answer", out, ("reply",), requests),
+        ("offer", out, ("declare_queryable",), (keys.request("*"),)),
     ]
     if role == "controller":
         commands = (keys.joint_trajectory.key, keys.grasp_targets.key)

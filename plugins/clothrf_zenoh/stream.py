@@ -26,7 +26,7 @@ from clothrf_zenoh.compose import choose
 from clothrf_zenoh.config import YumiZenohConfig
 from clothrf_zenoh.follower import Follower
 from clothrf_zenoh.mailbox import Mailbox, News, Wish
-from clothrf_zenoh.pace import Pace, prepare_process
+from clothrf_zenoh.pace import Pace, be_punctual, settle_memory
 from clothrf_zenoh.session import keys_of, open_session
 
 RENEWALS_PER_LEASE = 3
@@ -189,6 +189,7 @@ def _stream(setup: StreamSetup, wishes: Mailbox, news: Mailbox, parent: int) -> 
         "arm", name, options, BuildContext(folder=folder, registry=registry)
     )
     clock = WallClock()
+    be_punctual(priority=config.realtime_priority)
     with ExitStack() as stack:
         session = stack.enter_context(open_session(config.zenoh, folder))
         client = stack.enter_context(
@@ -202,7 +203,7 @@ def _stream(setup: StreamSetup, wishes: Mailbox, news: Mailbox, parent: int) -> 
         )
         client.wait_for_bridge(config.connect_timeout_s)
         stream = Stream(arm, client, config, clock)
-        prepare_process(priority=config.realtime_priority)
+        settle_memory()
         pace = Pace(clock, config.rate_hz)
         while not stream.done:
             pace.wait()

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from types import TracebackType
-from typing import Any, Self
+from typing import Self
 
 import zenoh
 
@@ -79,11 +79,9 @@ class BridgeWire:
         stack.callback(self._commands.undeclare)
         self._stop = session.declare_subscriber(keys.request("estop"), ring(1))
         stack.callback(self._stop.undeclare)
-        self._queryables: dict[str, Any] = {}
-        for verb in VERBS:
-            queryable = session.declare_queryable(keys.request(verb), ring(REQUESTS_KEPT))
-            stack.callback(queryable.undeclare)
-            self._queryables[verb] = queryable
+        # One ring for all verbs: polling costs time in every tick.
+        self._requests = session.declare_queryable(keys.request("*"), ring(REQUESTS_KEPT))
+        stack.callback(self._requests.undeclare)
         self.state = Outlet(session, keys.joint_states, self._gid)
         self.health = Outlet(session, keys.diagnostics, self._gid)
         stack.callback(self.state.undeclare)
@@ -126,14 +124,18 @@ class BridgeWire:
         return self._stop.try_recv() is not None
 
     def answer(self, handle: Callable[[str, bytes], Reply], *, limit: int = 4) -> None:
-        """Let `handle` answer waiting requests, at most `limit` of each kind."""
-        for verb, queryable in self._queryables.items():
-            for _ in range(limit):
-                query = queryable.try_recv()
-                if query is None:
-                    break
-                with query:
-                    payload = query.payload
-                    small = payload is not None and len(payload) <= self._max_bytes
-                    reply = handle(verb, payload.to_bytes() if small else b"{}")
-                    query.reply(self._keys.request(verb), reply.model_dump_json())
+        """Let `handle` answer waiting requests, at most `limit`."""
+        for _ in range(limit):
+            query = self._requests.try_recv()
+            if query is None:
+                return
+            with query:
+                verb = str(query.key_expr).rpartition("/")[2]
+                if verb not in VERBS:
+                    continue
+                payload = query.payload
+                data = b"{}"
+                if payload is not None and len(payload) <= self._max_bytes:
+                    data = payload.to_bytes()
+                reply = handle(verb, data)
+                query.reply(self._keys.request(verb), reply.model_dump_json())
