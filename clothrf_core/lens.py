@@ -18,8 +18,9 @@ from clothrf_core.errors import ShapeError
 from clothrf_core.scene import Picture
 from clothrf_core.types import CameraModel, Float, Float32, RgbdFrame
 
-# Largest relative step of inverse depth between neighbours that still counts as one surface.
-EDGE = 0.005
+# Relative steps of inverse depth between neighbouring pixels that still are one surface: small
+# ones, and larger ones that go on as they began (a plane seen at a grazing angle is linear).
+SMALL, STEADY = 0.002, 0.001
 LARGEST = 3.0
 
 
@@ -160,14 +161,20 @@ def _pinhole_pixels(camera: CameraModel) -> Float:
 
 def _one_surface(inverse: Float32, labels: NDArray[np.uint8]) -> NDArray[np.bool_]:
     """(H, W) whether a pixel and its right, lower and lower right neighbours are one surface."""
+    right = _continues(inverse, labels)
+    down = _continues(inverse.T, labels.T).T
     result = np.zeros(inverse.shape, bool)
-    wide_low = np.minimum(inverse[:, 1:], inverse[:, :-1])
-    wide_high = np.maximum(inverse[:, 1:], inverse[:, :-1])
-    low = np.minimum(wide_low[1:], wide_low[:-1])
-    high = np.maximum(wide_high[1:], wide_high[:-1])
-    same = labels[:, 1:] == labels[:, :-1]
-    down = labels[1:] == labels[:-1]
-    result[:-1, :-1] = (
-        (high - low <= np.float32(EDGE) * high) & same[1:] & same[:-1] & down[:, 1:] & down[:, :-1]
-    )
+    result[:-1, :-1] = right[:-1] & right[1:] & down[:, :-1] & down[:, 1:]
+    return result
+
+
+def _continues(inverse: Float32, labels: NDArray[np.uint8]) -> NDArray[np.bool_]:
+    """(H, W - 1) whether a pixel and its right neighbour are one surface."""
+    step = np.diff(inverse, axis=1)
+    small = np.abs(step) <= np.float32(SMALL) * inverse[:, 1:]
+    change = np.abs(np.diff(step, axis=1)) <= np.float32(STEADY) * inverse[:, 1:-1]
+    steady = np.zeros(step.shape, bool)
+    steady[:, 1:] = change
+    steady[:, :-1] |= change
+    result: NDArray[np.bool_] = (small | steady) & (labels[:, 1:] == labels[:, :-1])
     return result

@@ -289,13 +289,13 @@ def example_scene(camera: CameraModel) -> Scene:
     return Scene(meshes=(cloth, *hands, quad(camera, floor, Label.TABLE)), stamp_ns=1)
 
 
-def differences(one: Picture, two: Picture) -> tuple[Float32, float]:
+def differences(one: Picture, two: Picture, *, step: float = 0.02) -> tuple[Float32, float]:
     """Depth differences and the share of differing labels of two pictures, away from edges.
 
-    A pixel counts if both pictures show one surface in its 3 x 3 neighbourhood, with depth steps
-    below 2 %.
+    A pixel counts if both pictures show one surface in its 3 x 3 neighbourhood, with relative depth
+    steps below `step`.
     """
-    core = _flat(one) & _flat(two)
+    core = _flat(one, step) & _flat(two, step)
     delta = np.abs(one.frame.depth - two.frame.depth)[core]
     interior = _one_label(one.labels)
     share = float(np.mean((one.labels != two.labels)[interior])) if interior.any() else 0.0
@@ -313,7 +313,7 @@ def _one_label(labels: NDArray[np.uint8]) -> NDArray[np.bool_]:
     return result
 
 
-def _flat(picture: Picture) -> NDArray[np.bool_]:
+def _flat(picture: Picture, step: float) -> NDArray[np.bool_]:
     depth = picture.frame.depth
     h, w = depth.shape
     result = _one_label(picture.labels) & np.isfinite(depth)
@@ -322,7 +322,7 @@ def _flat(picture: Picture) -> NDArray[np.bool_]:
         for dx in (0, 1, 2):
             other = depth[dy : h - 2 + dy, dx : w - 2 + dx]
             with np.errstate(invalid="ignore"):
-                result[1:-1, 1:-1] &= np.abs(other - middle) < 0.02 * middle
+                result[1:-1, 1:-1] &= np.abs(other - middle) < step * middle
     return result
 
 

@@ -12,6 +12,7 @@ from clothrf_core.provider import Figure
 from clothrf_core.scene import Scene
 from clothrf_core.testing.pictures import measure, standard_camera, standard_scenes
 from clothrf_core.types import CameraModel
+from clothrf_raster.bend import Bend
 from clothrf_raster.camera import RasterCamera
 from clothrf_raster.config import RasterConfig
 from clothrf_raster.view import View
@@ -56,7 +57,7 @@ def _painter(scene: Scene, camera: CameraModel) -> Callable[[], NDArray[np.float
         import cv2
     except ImportError:
         return None
-    view = View.of(camera)
+    view = View.of(camera, Bend.none())
 
     def paint() -> NDArray[np.float32]:
         depth = np.full((view.height, view.width), np.nan, np.float32)

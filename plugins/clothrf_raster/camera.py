@@ -16,6 +16,7 @@ from clothrf_core.provider import BuildContext
 from clothrf_core.rendering import WorldReader
 from clothrf_core.scene import Picture, Scene
 from clothrf_core.types import CameraModel, RgbdFrame
+from clothrf_raster.bend import Bend, BendCache
 from clothrf_raster.config import RasterConfig
 from clothrf_raster.drawing import Drawing, Engine, board_key
 
@@ -51,24 +52,31 @@ class RasterCamera(RenderedCamera):
 
     @override
     def render(self, scene: Scene, camera: CameraModel) -> Picture:
-        if not camera.distortion.any():
-            return self._draw(scene, camera)
+        board = self._own.board
+        if board is not None and board.key == board_key(scene, camera, colour=self._config.colour):
+            return self._draw(board, scene, camera)
+        bend = self._own.bends.of(camera)
+        if bend is not None:
+            return self._draw(self._board(scene, camera, bend), scene, camera)
         lens = self._own.lenses.of(camera)
-        return lens.bend(
-            self._draw(scene, lens.pinhole(camera)), camera, colour=self._config.colour
-        )
+        pinhole = lens.pinhole(camera)
+        picture = self._draw(self._board(scene, pinhole, Bend.none()), scene, pinhole)
+        return lens.bend(picture, camera, colour=self._config.colour)
 
-    def _draw(self, scene: Scene, camera: CameraModel) -> Picture:
+    def _board(self, scene: Scene, camera: CameraModel, bend: Bend) -> Drawing:
         colour = self._config.colour
         board = self._own.board
         if board is None or board.key != board_key(scene, camera, colour=colour):
-            board = Drawing.board(self._engine, scene, camera, colour=colour)
+            board = Drawing.board(self._engine, scene, camera, bend, colour=colour)
             self._own.board = board
+        return board
+
+    def _draw(self, board: Drawing, scene: Scene, camera: CameraModel) -> Picture:
         canvas = board.draw(scene)
         depth = np.empty((camera.height, camera.width), np.float32)
         labels = np.empty((camera.height, camera.width), np.uint8)
         self._engine.finish(canvas, board.view, depth, labels)
-        rgb = canvas.rgb if colour else board.black
+        rgb = canvas.rgb if self._config.colour else board.black
         frame = RgbdFrame(stamp_ns=scene.stamp_ns, rgb=rgb, depth=depth, camera=camera)
         return Picture(frame=frame, labels=labels)
 
@@ -80,6 +88,7 @@ class _Own(threading.local):
 
     def __init__(self) -> None:
         self.lenses = LensCache()
+        self.bends = BendCache()
 
 
 def engine(config: RasterConfig) -> Engine:

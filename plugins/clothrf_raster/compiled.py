@@ -1,12 +1,4 @@
-"""The fast engine: a span-filling z-buffer compiled by numba.
-
-A triangle is filled row by row between its edges; a shared edge is computed from its upper end by
-both triangles, so the two agree bit for bit and no crack can open. A pixel belongs to a triangle
-if its centre lies in [left, right) and [top, bottom), the rule of graphics hardware. Inverse depth
-is linear on the screen (Blinn 1992, "Hyperbolic interpolation") and clamped to the triangle's own
-range, which keeps slivers honest. Rows are filled in aligned blocks of eight pixels without any
-branch (0.2 ns a pixel where a plain loop takes 2). `plain.py` states the same arithmetic in numpy.
-"""
+"""The fast engine, compiled by numba; `plain.py` is the same in numpy, bit for bit."""
 
 from __future__ import annotations
 
@@ -19,33 +11,30 @@ from numpy.typing import NDArray
 from clothrf_core.normals import CREASE_COSINE, TINY
 from clothrf_core.scene import SceneMesh
 from clothrf_core.types import Float, Float32
-from clothrf_raster.canvas import BLOCK, HALF, ROUND, Canvas, Ink, Keys
+from clothrf_raster.canvas import ROUND, Canvas, Ink, Keys
+from clothrf_raster.compiled_bend import draw_bent
+from clothrf_raster.compiled_fill import ONE, clip, fill
 from clothrf_raster.view import View
-
-ONE = np.float32(1.0)
-ZERO = np.float32(0.0)
-OUTSIDE = np.int32(0)
-# Pixels; a corner farther away than this is not finite for all that matters.
-LIMIT = 1e12
 
 
 def draw(canvas: Canvas, view: View, mesh: SceneMesh, ink: Ink, ramp: Float32) -> None:
     """Draw `mesh` on `canvas` wherever it is closer than what is there; `ramp` is 0, 1, 2, ..."""
-    _draw(
-        np.ascontiguousarray(mesh.vertices),
-        np.ascontiguousarray(mesh.triangles),
-        view.pose,
-        view.lens,
-        view.near,
-        canvas.keys.reshape(-1),
-        canvas.keys.shape[1],
-        canvas.width,
-        canvas.rgb,
-        ink.code,
-        ink.shades,
-        ink.palette,
-        ramp,
-    )
+    vertices = np.ascontiguousarray(mesh.vertices)
+    triangles = np.ascontiguousarray(mesh.triangles)
+    keys = canvas.keys.reshape(-1)
+    stride = canvas.keys.shape[1]
+    bend = view.bend
+    if bend.piece > 0.0:
+        draw_bent(
+            vertices, triangles, view.pose, view.lens, view.near,
+            bend.coefficients, bend.piece, bend.window,
+            keys, stride, canvas.width, canvas.rgb, ink.code, ink.shades, ink.palette, ramp,
+        )  # fmt: skip
+    else:
+        _draw(
+            vertices, triangles, view.pose, view.lens, view.near,
+            keys, stride, canvas.width, canvas.rgb, ink.code, ink.shades, ink.palette, ramp,
+        )  # fmt: skip
 
 
 def finish(canvas: Canvas, view: View, depth: Float32, labels: NDArray[np.uint8]) -> None:
@@ -103,168 +92,37 @@ def _draw(
     colour = rgb.size > 0
     s0 = s1 = s2 = 0.0
     cut = np.empty((4, 4))
+    corners = np.empty((3, 4))
     for m in range(triangles.shape[0]):
         a, b, c = triangles[m, 0], triangles[m, 1], triangles[m, 2]
         if colour:
             s0, s1, s2 = float(shades[m, 0]), float(shades[m, 1]), float(shades[m, 2])
         za, zb, zc = local[a, 2], local[b, 2], local[c, 2]
         if za >= near and zb >= near and zc >= near:
-            _fill(
+            fill(
                 pixel[a, 0], pixel[a, 1], pixel[a, 2], s0,
                 pixel[b, 0], pixel[b, 1], pixel[b, 2], s1,
                 pixel[c, 0], pixel[c, 1], pixel[c, 2], s2,
                 keys, stride, width, rgb, code, palette, ramp,
             )  # fmt: skip
         elif za >= near or zb >= near or zc >= near:
-            n = 0
             for k in range(3):
-                i, j = triangles[m, k], triangles[m, (k + 1) % 3]
-                si = (s0, s1, s2)[k]
-                sj = (s0, s1, s2)[(k + 1) % 3]
-                if local[i, 2] >= near:
-                    cut[n, 0], cut[n, 1], cut[n, 2], cut[n, 3] = (
-                        pixel[i, 0], pixel[i, 1], pixel[i, 2], si
-                    )  # fmt: skip
-                    n += 1
-                if (local[i, 2] >= near) != (local[j, 2] >= near):
-                    if local[i, 2] < near:
-                        i, j, si, sj = j, i, sj, si
-                    t = (local[i, 2] - near) / (local[i, 2] - local[j, 2])
-                    x = local[i, 0] + t * (local[j, 0] - local[i, 0])
-                    y = local[i, 1] + t * (local[j, 1] - local[i, 1])
-                    w = 1.0 / near
-                    cut[n, 0] = lens[2] + (lens[0] * x + lens[1] * y) * w
-                    cut[n, 1] = lens[4] + lens[3] * y * w
-                    cut[n, 2] = w
-                    cut[n, 3] = si + t * (sj - si)
-                    n += 1
+                for axis in range(3):
+                    corners[k, axis] = local[triangles[m, k], axis]
+            corners[0, 3], corners[1, 3], corners[2, 3] = s0, s1, s2
+            n = clip(corners, near, cut)
+            for k in range(n):
+                w = 1.0 / cut[k, 2]
+                cut[k, 0] = lens[2] + (lens[0] * cut[k, 0] + lens[1] * cut[k, 1]) * w
+                cut[k, 1] = lens[4] + lens[3] * cut[k, 1] * w
+                cut[k, 2] = w
             for k in range(1, n - 1):
-                _fill(
+                fill(
                     cut[0, 0], cut[0, 1], cut[0, 2], cut[0, 3],
                     cut[k, 0], cut[k, 1], cut[k, 2], cut[k, 3],
                     cut[k + 1, 0], cut[k + 1, 1], cut[k + 1, 2], cut[k + 1, 3],
                     keys, stride, width, rgb, code, palette, ramp,
                 )  # fmt: skip
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _fill(
-    u0: float, v0: float, w0: float, s0: float,
-    u1: float, v1: float, w1: float, s1: float,
-    u2: float, v2: float, w2: float, s2: float,
-    keys: Keys,
-    stride: int,
-    width: int,
-    rgb: NDArray[np.uint8],
-    code: int,
-    palette: NDArray[np.uint8],
-    ramp: Float32,
-) -> None:  # fmt: skip
-    """One triangle of pixels (u, v), inverse depths w and shades s."""
-    height = keys.size // stride
-    if v1 < v0:
-        u0, v0, w0, s0, u1, v1, w1, s1 = u1, v1, w1, s1, u0, v0, w0, s0
-    if v2 < v0:
-        u0, v0, w0, s0, u2, v2, w2, s2 = u2, v2, w2, s2, u0, v0, w0, s0
-    if v2 < v1:
-        u1, v1, w1, s1, u2, v2, w2, s2 = u2, v2, w2, s2, u1, v1, w1, s1
-    if not (v2 > -1.0 and v0 < height and max(u0, u1, u2) > -1.0 and min(u0, u1, u2) < width):
-        return
-    top = math.ceil(max(v0, 0.0))
-    bottom = math.ceil(min(v2, float(height)))
-    if top >= bottom:
-        return
-    area = (u1 - u0) * (v2 - v0) - (u2 - u0) * (v1 - v0)
-    far_out = max(max(abs(u0), abs(u1), abs(u2)), max(abs(v0), abs(v2)))
-    if not (abs(area) > 0.0 and far_out < LIMIT):
-        return
-    gx = ((w1 - w0) * (v2 - v0) - (w2 - w0) * (v1 - v0)) / area
-    gy = ((u1 - u0) * (w2 - w0) - (u2 - u0) * (w1 - w0)) / area
-    step = np.float32(gx)
-    low = np.float32(min(w0, w1, w2))
-    high = np.float32(max(w0, w1, w2))
-    long = (u2 - u0) / (v2 - v0)
-    upper = (u1 - u0) / (v1 - v0)
-    lower = (u2 - u1) / (v2 - v1)
-    right_limit = float(width)
-    ink = np.int32(code)
-    colour = rgb.size > 0
-    hx = hy = q0 = 0.0
-    shade_step = ZERO
-    if colour:
-        q0, q1, q2 = s0 * w0, s1 * w1, s2 * w2
-        hx = ((q1 - q0) * (v2 - v0) - (q2 - q0) * (v1 - v0)) / area
-        hy = ((u1 - u0) * (q2 - q0) - (u2 - u0) * (q1 - q0)) / area
-        shade_step = np.float32(hx)
-    levels = np.float32(palette.shape[0] - 1)
-    for row in range(top, bottom):
-        y = float(row)
-        x0 = u0 + (y - v0) * long
-        x1 = u0 + (y - v0) * upper if y < v1 else u1 + (y - v1) * lower
-        left = math.ceil(max(min(x0, x1), 0.0))
-        n = math.ceil(min(max(x0, x1), right_limit)) - left
-        if n <= 0:
-            continue
-        start = np.float32(w0 + (left - u0) * gx + (y - v0) * gy)
-        if colour:
-            shade = np.float32(q0 + (left - u0) * hx + (y - v0) * hy)
-            for i in range(n):
-                w = start + ramp[i] * step
-                w = w if w > low else low
-                w = w if w < high else high
-                key = np.int32((np.float32(w).view(np.int32) + HALF) & ROUND) | ink
-                at = row * stride + left + i
-                if key > keys[at]:
-                    keys[at] = key
-                    s = min(max((shade + ramp[i] * shade_step) * (ONE / w), ZERO), ONE)
-                    k = int(s * levels)
-                    rgb[row, left + i, 0] = palette[k, 0]
-                    rgb[row, left + i, 1] = palette[k, 1]
-                    rgb[row, left + i, 2] = palette[k, 2]
-        else:
-            block = left & -BLOCK
-            count = (left + n - block + BLOCK - 1) & -BLOCK
-            _span(
-                keys,
-                np.uint64(row * stride + block),
-                count,
-                np.float32(left - block),
-                np.float32(left - block + n),
-                start,
-                step,
-                low,
-                high,
-                ink,
-            )
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _span(
-    keys: Keys,
-    offset: np.uint64,
-    count: int,
-    first: np.float32,
-    end: np.float32,
-    start: np.float32,
-    step: np.float32,
-    low: np.float32,
-    high: np.float32,
-    ink: np.int32,
-) -> None:
-    """One row of whole blocks; pixels outside [first, end) keep what they have.
-
-    The mask is put on the key and the larger key is stored everywhere: a conditional store would
-    become `vpmaskmovd`, three times slower on AMD (measured).
-    """
-    for i in range(count):
-        x = np.float32(np.int32(i))
-        w = start + (x - first) * step
-        w = w if w > low else low
-        w = w if w < high else high
-        key = np.int32(np.int32((np.float32(w).view(np.int32) + HALF) & ROUND) | ink)
-        key = key if (x >= first) & (x < end) else OUTSIDE
-        old = keys[offset + np.uint64(i)]
-        keys[offset + np.uint64(i)] = key if key > old else old
 
 
 def corner_shades(mesh: SceneMesh, eye: Float, light: Float) -> Float32:

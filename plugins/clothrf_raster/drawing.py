@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from clothrf_core.scene import Label, Scene, SceneMesh
 from clothrf_core.types import CameraModel, Float, Float32
 from clothrf_raster import shading
+from clothrf_raster.bend import Bend
 from clothrf_raster.canvas import Canvas, Ink, Keys, code_of
 from clothrf_raster.view import View
 
@@ -76,8 +77,10 @@ class Drawing:
     palettes: dict[Colour, NDArray[np.uint8]] = field(default_factory=dict)
 
     @classmethod
-    def board(cls, engine: Engine, scene: Scene, camera: CameraModel, *, colour: bool) -> Drawing:
-        """An empty board for `camera` under the light of `scene`."""
+    def board(
+        cls, engine: Engine, scene: Scene, camera: CameraModel, bend: Bend, *, colour: bool
+    ) -> Drawing:
+        """An empty board for `camera`, whose lens bends as told, under the light of `scene`."""
         direction = np.asarray(scene.light.direction, float)
         size = (camera.width, camera.height, camera.far)
         background = shading.encode(np.asarray(scene.background, float))
@@ -85,7 +88,7 @@ class Drawing:
         base.clear(background)
         return cls(
             engine=engine,
-            view=View.of(camera),
+            view=View.of(camera, bend),
             key=board_key(scene, camera, colour=colour),
             light=direction / np.linalg.norm(direction),
             shine=(scene.light.ambient, scene.light.intensity),
@@ -137,7 +140,7 @@ def board_key(scene: Scene, camera: CameraModel, *, colour: bool) -> tuple[objec
     """Equal for scenes and cameras that can share a board."""
     light = scene.light
     lit = (*light.direction, light.intensity, light.ambient, *scene.background) if colour else ()
-    size = (camera.width, camera.height, camera.near, camera.far)
+    size = (camera.width, camera.height, camera.near, camera.far, camera.distortion.tobytes())
     return (*size, camera.K.tobytes(), camera.T_world_camera.tobytes(), colour, lit)
 
 

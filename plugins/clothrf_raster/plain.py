@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from clothrf_core.scene import SceneMesh
 from clothrf_core.types import Float, Float32
 from clothrf_raster.canvas import HALF, ROUND, Canvas, Ink
+from clothrf_raster.plain_bend import bent_corners
 from clothrf_raster.shading import corner_shades
 from clothrf_raster.view import View
 
@@ -46,40 +47,35 @@ def _corners(view: View, mesh: SceneMesh, ink: Ink, *, colour: bool) -> Float:
     p = view.pose
     x, y, z = mesh.vertices.T
     local = np.stack([p[k, 0] * x + p[k, 1] * y + p[k, 2] * z + p[k, 3] for k in range(3)], axis=1)
-    pixel = _project(view, local, 1.0 / local[:, 2])
-    t = mesh.triangles
-    shades = ink.shades.astype(float) if colour else np.zeros(t.shape)
-    beyond = (local[:, 2] >= view.near)[t]
+    shades = ink.shades.astype(float) if colour else np.zeros(mesh.triangles.shape)
+    triangles = np.concatenate([local[mesh.triangles], shades[:, :, None]], axis=2)
+    beyond = triangles[:, :, 2] >= view.near
     whole = beyond.all(axis=1)
-    corners = np.concatenate([pixel[t[whole]], shades[whole][:, :, None]], axis=2)
     cut = np.flatnonzero(beyond.any(axis=1) & ~whole)
-    halves = [_clip(view, local[t[m]], pixel[t[m]], shades[m]) for m in cut]
-    if halves:
-        owners = np.concatenate([np.flatnonzero(whole), np.repeat(cut, [len(h) for h in halves])])
-        corners = np.concatenate([corners, *halves])[np.argsort(owners, kind="stable")]
-    return corners.transpose(1, 2, 0)
-
-
-def _project(view: View, local: Float, w: Float) -> Float:
+    halves = [_clip(triangles[m], view.near) for m in cut]
+    owners = np.concatenate([np.flatnonzero(whole), np.repeat(cut, [len(h) for h in halves])])
+    triangles = np.concatenate([triangles[whole], *halves])[np.argsort(owners, kind="stable")]
+    if view.bend.piece > 0.0:
+        return bent_corners(triangles, view.lens, view.bend).transpose(1, 2, 0)
     fx, skew, cx, fy, cy = view.lens
-    u = cx + (fx * local[:, 0] + skew * local[:, 1]) * w
-    v = cy + fy * local[:, 1] * w
-    return np.stack([u, v, w], axis=1)
+    x, y, w = triangles[..., 0], triangles[..., 1], 1.0 / triangles[..., 2]
+    pixels = [cx + (fx * x + skew * y) * w, cy + fy * y * w, w, triangles[..., 3]]
+    return np.stack(pixels, axis=-1).transpose(1, 2, 0)
 
 
-def _clip(view: View, local: Float, pixel: Float, shades: Float) -> Float:
-    """(1 or 2, 3, 4) triangles: the part of one triangle beyond the near plane."""
+def _clip(corners: Float, near: float) -> Float:
+    """(1 or 2, 3, 4) triangles: the part of a (3, 4) triangle beyond the near plane."""
     cut = []
     for i, j in ((0, 1), (1, 2), (2, 0)):
-        if local[i, 2] >= view.near:
-            cut.append(np.append(pixel[i], shades[i]))
-        if (local[i, 2] >= view.near) != (local[j, 2] >= view.near):
-            if local[i, 2] < view.near:
+        if corners[i, 2] >= near:
+            cut.append(corners[i])
+        if (corners[i, 2] >= near) != (corners[j, 2] >= near):
+            if corners[i, 2] < near:
                 i, j = j, i  # from the visible end, so that neighbours agree
-            t = (local[i, 2] - view.near) / (local[i, 2] - local[j, 2])
-            point = local[i] + t * (local[j] - local[i])
-            on_plane = _project(view, point[None], np.array([1.0 / view.near]))[0]
-            cut.append(np.append(on_plane, shades[i] + t * (shades[j] - shades[i])))
+            t = (corners[i, 2] - near) / (corners[i, 2] - corners[j, 2])
+            point = corners[i] + t * (corners[j] - corners[i])
+            point[2] = near
+            cut.append(point)
     return np.stack([np.stack([cut[0], cut[k], cut[k + 1]]) for k in range(1, len(cut) - 1)])
 
 

@@ -8,11 +8,12 @@ import numpy as np
 
 from clothrf_core.geometry import inverse
 from clothrf_core.types import CameraModel, Float
+from clothrf_raster.bend import Bend
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class View:
-    """A distortion-free camera, ready for drawing.
+    """A camera, ready for drawing.
 
     Attributes:
         pose: (3, 4) float64 T_camera_world without its last row.
@@ -21,6 +22,7 @@ class View:
         far: metres.
         width: pixels.
         height: pixels.
+        bend: what the lens does to the picture.
     """
 
     pose: Float
@@ -29,10 +31,11 @@ class View:
     far: float
     width: int
     height: int
+    bend: Bend
 
     @classmethod
-    def of(cls, camera: CameraModel) -> View:
-        """The view of `camera`, its distortion ignored."""
+    def of(cls, camera: CameraModel, bend: Bend) -> View:
+        """The view of `camera` through a lens that bends as told."""
         K = camera.K
         return cls(
             pose=np.ascontiguousarray(inverse(camera.T_world_camera)[:3]),
@@ -41,4 +44,5 @@ class View:
             far=camera.far,
             width=camera.width,
             height=camera.height,
+            bend=bend,
         )

@@ -9,7 +9,7 @@ import pytest
 from clothrf_core.errors import ShapeError
 from clothrf_core.lens import Lens, LensCache
 from clothrf_core.scene import Label, Picture
-from clothrf_core.testing.camera import example_camera
+from clothrf_core.testing.camera import example_camera, plane_depth
 from clothrf_core.types import RgbdFrame
 
 BENT = np.array([0.12, -0.25, 0.002, -0.001, 0.08])
@@ -77,6 +77,20 @@ def test_depth_at_an_edge_is_that_of_one_side_never_between():
     assert set(np.unique(seen).tolist()) <= {np.float32(0.8), np.float32(1.1)} or (
         np.minimum(np.abs(seen - 0.8), np.abs(seen - 1.1)).max() < 1e-6
     )
+
+
+def test_a_plane_at_a_grazing_angle_is_interpolated():
+    camera = example_camera(distortion=BENT)
+    lens = Lens.of(camera)
+    corners = np.array([[-3, 0.1, 0.2], [3, 0.1, 0.2], [3, 0.3, 2.5], [-3, 0.3, 2.5]], float)
+    truth = plane_depth(camera, corners)
+    straight = plane_depth(lens.pinhole(camera), corners)
+
+    seen = lens.bend(pinhole_picture(lens, camera, straight), camera).frame.depth
+
+    near = (truth > 0.1) & (truth < 3.0)
+    assert np.abs(seen - truth)[near].max() < 2e-3
+    assert np.abs(seen - truth)[near & (truth < 1.0)].max() < 2e-4
 
 
 def test_holes_stay_holes_and_do_not_grow():

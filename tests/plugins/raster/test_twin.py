@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from clothrf_raster import compiled, plain, shading
+from clothrf_raster.bend import Bend
 from clothrf_raster.camera import RasterCamera
 from clothrf_raster.canvas import Canvas, code_of, key_of
 from clothrf_raster.config import RasterConfig
@@ -83,7 +84,7 @@ def test_shades_are_equal(seed):
 
 
 def test_finishing_is_equal_and_knows_far_near_and_what_gives_no_depth():
-    view = View.of(example_camera(factor=0.1))
+    view = View.of(example_camera(factor=0.1), Bend.none())
     canvas = Canvas.blank(view.width, view.height, view.far, colour=False)
     cloth, steel = code_of(1, measurable=True), code_of(4, measurable=False)
     inverse = np.float32(1.0) / np.array([0.5, 0.1, 2.0, 2.1, 0.09999, 1.0], np.float32)
@@ -119,6 +120,15 @@ def test_a_key_keeps_depth_to_two_millionths(depth, label):
 def test_a_label_that_does_not_fit_is_refused():
     with pytest.raises(ShapeError, match="label: expected 0 to 15 for the raster camera, got 16"):
         code_of(16, measurable=True)
+
+
+@settings(max_examples=12, deadline=None)
+@given(seed=st.integers(0, 10**6), spread=st.sampled_from([0.02, 0.2, 0.6, 3.0]))
+def test_random_triangles_through_a_lens(seed, spread):
+    bent = example_camera(distortion=np.array([0.1, -0.2, 0.001, 0.0, 0.05]), factor=0.5)
+    one, two = both(Scene(meshes=(soup(seed, 20, spread),)), bent)
+
+    assert_same(one, two)
 
 
 def test_a_lens_and_a_light_from_behind():

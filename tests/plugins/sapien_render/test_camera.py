@@ -66,10 +66,13 @@ def test_depth_and_labels_agree_with_the_cpu_renderer(camera, model):
 def test_a_distorted_picture_agrees_with_the_cpu_renderer(camera):
     model = example_camera(distortion=np.array([0.12, -0.25, 0.002, -0.001, 0.08]))
 
-    depth, labels = differences(*both(camera, example_scene(example_camera()), model))
+    pictures = both(camera, example_scene(example_camera()), model)
+    depth, labels = differences(*pictures, step=0.006)
 
     assert depth.size > 20_000
-    assert depth.max() < 1e-3
+    # Resampling blends facets where they meet; drawing directly does not.
+    assert np.percentile(depth, 99) < 6e-4
+    assert depth.max() < 2e-3
     assert labels == 0.0
 
 
