@@ -8,10 +8,29 @@ from pydantic import Field, model_validator
 
 from clothrf_core.rig import Section
 
-Group = Literal["how", "pose"]
+Group = Literal[
+    "how",
+    "pose",
+    "moments",
+    "extremes",
+    "contour",
+    "border",
+    "heightmap",
+    "blocks",
+    "corners",
+    "cases",
+]
 
 # The best set of the ablation in `extractor.py`.
-DEFAULT_GROUPS: tuple[Group, ...] = ("how", "pose")
+DEFAULT_GROUPS: tuple[Group, ...] = (
+    "corners",
+    "cases",
+    "extremes",
+    "contour",
+    "border",
+    "moments",
+    "pose",
+)
 
 
 class ForegroundOptions(Section):
@@ -31,9 +50,9 @@ class ForegroundOptions(Section):
     )
     colour_tolerance: float = Field(
         0.08,
-        gt=0.0,
-        description="further pieces whose mean (r, g) / (r + g + b) is farther from the largest "
-        "piece's are something else (a gripper, an occluder)",
+        ge=0.0,
+        description="pixels whose (r, g) / (r + g + b) is farther than this from the median of "
+        "what may be cloth are a hand or a gripper; 0 = do not look; the rig's hue comes first",
     )
     fill_gap: int = Field(
         8, ge=0, description="px; holes up to this wide, and thin things in front, are bridged"

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from typing_extensions import override
@@ -13,42 +12,89 @@ from clothrf_core.interfaces import FeatureExtractor
 from clothrf_core.rig import ForegroundSection, Rig
 from clothrf_core.types import CameraModel, Features, Float, Float32, Observation, RgbdFrame
 from clothrf_how import foreground_kernels
+from clothrf_how.blocks import blocks, blocks_names
+from clothrf_how.border import border, border_names
+from clothrf_how.cloud import Cloud
 from clothrf_how.config import FeatureOptions
+from clothrf_how.contour import contour, contour_names
+from clothrf_how.corners import (
+    Corners,
+    cases,
+    cases_names,
+    corners,
+    corners_names,
+    find_corners,
+)
+from clothrf_how.extremes import extremes, extremes_names
 from clothrf_how.foreground import Foreground, View, anchor, foreground
+from clothrf_how.heightmap import heightmap, heightmap_names
+from clothrf_how.holders import Layout, find_holders
 from clothrf_how.how import How
+from clothrf_how.moments import moments, moments_names
 from clothrf_how.pose import pose, pose_names
 
 # Without a rig everything that is measured may be cloth.
 ANYWHERE = ForegroundSection(depth_min=0.0, depth_max=10.0, low=[-1e3] * 3, high=[1e3] * 3)
 
 
-class GroupFunction(Protocol):
-    """What computes one group: a pure function of the foreground, the frame and the anchor."""
+@dataclass(frozen=True, slots=True, eq=False)
+class Sight:
+    """What every group may look at.
 
-    def __call__(self, area: Foreground, frame: RgbdFrame, anchor: Float) -> Float32:
-        """(n,) float32, one a name."""
+    Attributes:
+        frame: the picture.
+        area: the cloth in it.
+        cloud: the cloth's points, metres from the anchor.
+        corners: the cloth's corners; None where no group asks for them.
+        anchor: (3,) world metres.
+    """
+
+    frame: RgbdFrame
+    area: Foreground
+    cloud: Cloud
+    corners: Corners | None
+    anchor: Float
 
 
 @dataclass(frozen=True, slots=True)
 class Channel:
-    """A group of features with its names."""
+    """A group of features: their names, and a pure function of what is seen."""
 
     names: tuple[str, ...]
-    compute: GroupFunction
+    compute: Callable[[Sight], Float32]
 
 
-def _how(options: FeatureOptions) -> Channel:
-    how = How(options.how)
-    return Channel(how.names, lambda area, frame, _anchor: how(area, frame))
+def channel(group: str, options: FeatureOptions) -> Channel:
+    """The group of that name."""
+    if group == "how":
+        how = How(options.how)
+        return Channel(how.names, lambda sight: how(sight.area, sight.frame))
+    if group == "pose":
+        return Channel(pose_names(), lambda sight: pose(sight.area, sight.anchor))
+    if group in CORNERS:
+        names, of_corners = CORNERS[group]
+        return Channel(names(), lambda sight: of_corners(_found(sight)))
+    names, of_cloud = SHAPES[group]
+    return Channel(names(), lambda sight: of_cloud(sight.cloud))
 
 
-def _pose(options: FeatureOptions) -> Channel:
-    return Channel(pose_names(), lambda area, _frame, _anchor: pose(area))
+def _found(sight: Sight) -> Corners:
+    assert sight.corners is not None
+    return sight.corners
 
 
-CHANNELS: dict[str, Callable[[FeatureOptions], Channel]] = {
-    "how": _how,
-    "pose": _pose,
+SHAPES: Mapping[str, tuple[Callable[[], tuple[str, ...]], Callable[[Cloud], Float32]]] = {
+    "moments": (moments_names, moments),
+    "extremes": (extremes_names, extremes),
+    "contour": (contour_names, contour),
+    "border": (border_names, border),
+    "heightmap": (heightmap_names, heightmap),
+    "blocks": (blocks_names, blocks),
+}
+
+CORNERS: Mapping[str, tuple[Callable[[], tuple[str, ...]], Callable[[Corners], Float32]]] = {
+    "corners": (corners_names, corners),
+    "cases": (cases_names, cases),
 }
 
 
@@ -66,8 +112,10 @@ class Extractor(FeatureExtractor):
     def __init__(self, options: FeatureOptions, rig: Rig | None = None) -> None:
         self.options = options
         self._where = rig.foreground if rig is not None else ANYWHERE
-        self._channels = tuple(CHANNELS[group](options) for group in options.groups)
-        self._names = tuple(name for channel in self._channels for name in channel.names)
+        self._channels = tuple(channel(group, options) for group in options.groups)
+        self._names = tuple(name for group in self._channels for name in group.names)
+        self._layout = Layout.of(rig) if rig is not None else None
+        self._needs_corners = any(group in CORNERS for group in options.groups)
         self._view: View | None = None
         foreground_kernels.warm()
 
@@ -83,11 +131,19 @@ class Extractor(FeatureExtractor):
         if not area.usable:
             return self._nothing()
         middle = anchor(area)
-        parts = [channel.compute(area, frame, middle) for channel in self._channels]
-        values = np.concatenate(parts)
+        sight = self._sight(frame, area, middle)
+        values = np.concatenate([group.compute(sight) for group in self._channels])
         if not (np.isfinite(values).all() and np.isfinite(middle).all()):
             return self._nothing()
         return Features(values=values, names=self._names, anchor=middle)
+
+    def _sight(self, frame: RgbdFrame, area: Foreground, middle: Float) -> Sight:
+        cloud = Cloud.of(area, middle)
+        if not self._needs_corners:
+            return Sight(frame, area, cloud, None, middle)
+        layout = self._layout or Layout.facing(frame.camera.T_world_camera)
+        holders = find_holders(area, middle, layout)
+        return Sight(frame, area, cloud, find_corners(cloud, holders, layout), middle)
 
     def foreground(self, frame: RgbdFrame) -> Foreground:
         """The cloth of a picture; for overlays and tests."""

@@ -1,4 +1,4 @@
-"""Which pixels are cloth: depth range, workspace box, hue, connected surfaces, bridged holes."""
+"""Which pixels are cloth: depth range, workspace box, colour, connected surfaces, holes."""
 
 from __future__ import annotations
 
@@ -13,9 +13,6 @@ from clothrf_core.rig import ForegroundSection
 from clothrf_core.types import CameraModel, Float, Float32, RgbdFrame
 from clothrf_how import foreground_kernels as kernels
 from clothrf_how.config import ForegroundOptions
-
-# Mean intensity below which a piece has no colour to compare, of 255.
-DARK = 12.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -67,6 +64,8 @@ class Foreground:
     Attributes:
         mask: (h, w) bool.
         depth: (h, w) float32, metres along the optical axis, holes bridged; 0 outside the mask.
+        measured: (h, w) float32, depth of everything in the picture; 0 = not measured.
+        state: (h, w) uint8, what each pixel is (`foreground_kernels`).
         view: where each pixel looks.
         area: pixels of the mask.
         centre: mean column, mean row (working pixels) and mean depth (metres); zeros if empty.
@@ -76,6 +75,8 @@ class Foreground:
 
     mask: NDArray[np.bool_]
     depth: Float32
+    measured: Float32
+    state: NDArray[np.uint8]
     view: View
     area: int
     centre: tuple[float, float, float]
@@ -99,22 +100,21 @@ def foreground(
     )
     if where.hue is not None:
         wrong = ~hue_mask(block_colour(frame.rgb, view.factor), where)
-        state[wrong & (state == kernels.CANDIDATE)] = kernels.ELSEWHERE
-    label, area = kernels.surfaces(z, state, options.jump)
+        state[wrong & (state == kernels.CANDIDATE)] = kernels.ODD
+    elif options.colour_tolerance > 0.0:
+        kernels.odd_colours(state, frame.rgb, view.factor, options.colour_tolerance)
+    label, area = kernels.surfaces(z, state, options.jump, kernels.CANDIDATE)
     mask = label == _largest(area)
-    others = _further_pieces(area, options.keep_share)
-    if others.size:
-        colour = block_colour(frame.rgb, view.factor)
-        for piece in others:
-            candidate = label == piece
-            if same_colour(colour[mask], colour[candidate], options.colour_tolerance):
-                mask |= candidate
+    for piece in _further_pieces(area, options.keep_share):
+        mask |= label == piece
     mask, depth = kernels.bridge(mask, z, options.fill_gap, options.jump)
     count, u, v, total = kernels.sums(mask, depth)
     many = max(count, 1)
     return Foreground(
         mask=mask,
         depth=depth,
+        measured=z,
+        state=state,
         view=view,
         area=count,
         centre=(u / many, v / many, total / many),
@@ -149,19 +149,6 @@ def hue_mask(rgb: NDArray[np.uint8], where: ForegroundSection) -> NDArray[np.boo
         & (hsv[:, :, 2] >= 255.0 * where.value_min)
     )
     return result
-
-
-def same_colour(a: NDArray[np.uint8], b: NDArray[np.uint8], tolerance: float) -> bool:
-    """Whether two pieces, (N, 3) and (M, 3) RGB, have one chromaticity; the dark have none.
-
-    Chromaticity is (r, g) / (r + g + b) of the mean colour, which does not change with the
-    brightness of the light. Black pictures (a depth camera alone) say nothing: True.
-    """
-    mean_a, mean_b = a.mean(axis=0, dtype=np.float64), b.mean(axis=0, dtype=np.float64)
-    if mean_a.mean() < DARK or mean_b.mean() < DARK:
-        return True
-    difference = mean_a[:2] / mean_a.sum() - mean_b[:2] / mean_b.sum()
-    return bool(np.linalg.norm(difference) <= tolerance)
 
 
 def anchor(area: Foreground) -> Float:

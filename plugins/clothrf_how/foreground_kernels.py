@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 UNMEASURED = 0
 CANDIDATE = 1
 ELSEWHERE = 2
+ODD = 3
 
 # Depths of one 2 x 2 block that are this close to its nearest are averaged, metres; across an edge
 # the mean of near and far would be a point in the air.
@@ -128,6 +129,96 @@ def reduce_pixels(
     return z, state
 
 
+# Sum of r, g, b below which a pixel has no colour to speak of, and bins of a chromaticity.
+DARK = 36
+BINS = 64
+
+
+@njit(cache=True, nogil=True)
+def odd_colours(
+    state: NDArray[np.uint8], rgb: NDArray[np.uint8], factor: int, tolerance: float
+) -> int:
+    """Mark as `ODD`, in place, candidates that differ in colour from most of them.
+
+    Colour is the chromaticity (r, g) / (r + g + b), which shading does not change; "most of them"
+    is its median over the candidates. Hands, arms and grippers that touch the cloth go this way.
+    Nothing happens where colours say nothing: dark pictures, or a cloth of many colours (less than
+    half of the candidates agree).
+
+    Args:
+        state: (h, w) uint8.
+        rgb: (factor h or more, factor w or more, 3) uint8; a block's first pixel stands for it.
+        factor: picture pixels along a block's side.
+        tolerance: of each of the two chromaticities.
+
+    Returns:
+        Number of candidates marked.
+    """
+    h, w = state.shape
+    red = np.zeros(BINS, np.int64)
+    green = np.zeros(BINS, np.int64)
+    seen = bright = 0
+    # Every second pixel of every second row is enough for a median.
+    for y in range(0, h, 2):
+        for x in range(0, w, 2):
+            if state[y, x] != CANDIDATE:
+                continue
+            seen += 1
+            r = int(rgb[y * factor, x * factor, 0])
+            g = int(rgb[y * factor, x * factor, 1])
+            total = r + g + int(rgb[y * factor, x * factor, 2])
+            if total >= DARK:
+                bright += 1
+                red[min(BINS * r // total, BINS - 1)] += 1
+                green[min(BINS * g // total, BINS - 1)] += 1
+    if 2 * bright <= seen:
+        return 0
+    middle_red, middle_green = _median(red, bright), _median(green, bright)
+    # Four counts of slack for the rounding of dark pixels.
+    slack = np.float32(4.0)
+    width = np.float32(tolerance)
+    odd = np.zeros((h, w), np.bool_)
+    many = agree = 0
+    for y in range(h):
+        for x in range(w):
+            if state[y, x] != CANDIDATE:
+                continue
+            r = int(rgb[y * factor, x * factor, 0])
+            g = int(rgb[y * factor, x * factor, 1])
+            total = r + g + int(rgb[y * factor, x * factor, 2])
+            if total < DARK:
+                continue
+            t = np.float32(total)
+            limit = width * t + slack
+            if (
+                abs(np.float32(r) - middle_red * t) > limit
+                or abs(np.float32(g) - middle_green * t) > limit
+            ):
+                odd[y, x] = True
+                many += 1
+            else:
+                agree += 1
+    if agree <= many:
+        return 0
+    for y in range(h):
+        for x in range(w):
+            if odd[y, x]:
+                state[y, x] = ODD
+    return many
+
+
+@njit(cache=True, nogil=True)
+def _median(histogram: NDArray[np.int64], total: int) -> np.float32:
+    """Median of a histogram over [0, 1], linear within its bin."""
+    below = 0
+    for i in range(histogram.size):
+        if 2 * (below + histogram[i]) >= total:
+            inside = (0.5 * total - below) / histogram[i]
+            return np.float32((i + inside) / histogram.size)
+        below += histogram[i]
+    return np.float32(1.0)
+
+
 @njit(cache=True, nogil=True)
 def _root(parent: NDArray[np.int32], a: int) -> int:
     while parent[a] != a:
@@ -138,9 +229,9 @@ def _root(parent: NDArray[np.int32], a: int) -> int:
 
 @njit(cache=True, nogil=True)
 def surfaces(
-    z: NDArray[np.float32], state: NDArray[np.uint8], jump: float
+    z: NDArray[np.float32], state: NDArray[np.uint8], jump: float, wanted: int
 ) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-    """Connected surfaces: 4-neighbours that are candidates and closer than `jump` in depth.
+    """Connected surfaces: 4-neighbours in state `wanted` and closer than `jump` in depth.
 
     Two passes with union-find (Rosenfeld and Pfaltz 1966).
 
@@ -155,7 +246,7 @@ def surfaces(
     fresh = 1
     for y in range(h):
         for x in range(w):
-            if state[y, x] != CANDIDATE:
+            if state[y, x] != wanted:
                 continue
             d = z[y, x]
             left = 0
@@ -317,5 +408,6 @@ def warm() -> Any:
     ends = np.zeros(3, np.float32)
     reduce_pairs(one, 0.1, 1.0, np.zeros((3, 1, 1), np.float32), ends, ends, ends)
     z, state = reduce_pixels(one, 0.1, 1.0, np.zeros((3, 2, 2), np.float32), ends, ends, ends)
-    surfaces(z, state, 0.1)
+    odd_colours(state, np.zeros((2, 2, 3), np.uint8), 1, 0.1)
+    surfaces(z, state, 0.1, CANDIDATE)
     return sums(*bridge(state > 0, z, 1, 0.1))

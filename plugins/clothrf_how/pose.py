@@ -4,20 +4,21 @@ from __future__ import annotations
 
 import numpy as np
 
-from clothrf_core.types import Float32
+from clothrf_core.types import Float, Float32
 from clothrf_how.foreground import Foreground
 
 
 def pose_names() -> tuple[str, ...]:
-    """Four names."""
-    return ("pose_u", "pose_v", "pose_scale", "pose_depth")
+    """Seven names."""
+    return ("pose_u", "pose_v", "pose_scale", "pose_depth", "pose_x", "pose_y", "pose_z")
 
 
-def pose(area: Foreground) -> Float32:
-    """(4,) float32: middle column and row over the picture's width, root area share, depth (m)."""
+def pose(area: Foreground, anchor: Float) -> Float32:
+    """(7,) float32.
+
+    Middle column and row over the picture's width, root of the share of the picture covered, mean
+    depth in metres, and the anchor in the world, metres.
+    """
     h, w = area.mask.shape
-    u, v, _ = area.centre
-    x0, y0, x1, y1 = area.box
-    depth = area.depth[y0:y1, x0:x1]
-    median = np.median(depth[area.mask[y0:y1, x0:x1]])
-    return np.array([u / w, v / w, np.sqrt(area.area / (h * w)), median], np.float32)
+    u, v, depth = area.centre
+    return np.array([u / w, v / w, np.sqrt(area.area / (h * w)), depth, *anchor], np.float32)

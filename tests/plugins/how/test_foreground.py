@@ -216,7 +216,7 @@ def test_the_compiled_surfaces_equal_a_flood_fill():
     z = (0.5 + 0.02 * rng.integers(0, 3, (h, w))).astype(np.float32)
     state = (rng.random((h, w)) < 0.8).astype(np.uint8)
 
-    label, area = kernels.surfaces(z, state, 0.03)
+    label, area = kernels.surfaces(z, state, 0.03, kernels.CANDIDATE)
 
     want = np.zeros((h, w), int)
     number = 0

@@ -1,0 +1,64 @@
+"""The cloth as points in the world, metres from the anchor: what the shape channels measure.
+
+Axes are the world's (x forward, z up), so the direction of gravity is always the same, whatever
+the camera's pose.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from clothrf_core.types import Float, Float32
+from clothrf_how.foreground import Foreground
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Cloud:
+    """The foreground's box as points.
+
+    Attributes:
+        points: (3, bh, bw) float32, metres from the anchor, world axes; 0 outside the mask.
+        mask: (bh, bw) bool.
+        box: (x0, y0, x1, y1) of the box in the picture, working pixels.
+        size: (h, w) of the picture, working pixels.
+    """
+
+    points: Float32
+    mask: NDArray[np.bool_]
+    box: tuple[int, int, int, int]
+    size: tuple[int, int]
+
+    @classmethod
+    def of(cls, area: Foreground, anchor: Float) -> Cloud:
+        """The points of a usable foreground."""
+        x0, y0, x1, y1 = area.box
+        view = area.view
+        start = (view.camera.T_world_camera[:3, 3] - anchor).astype(np.float32)
+        mask = area.mask[y0:y1, x0:x1]
+        points = placed(area.depth[y0:y1, x0:x1], mask, view.directions[:, y0:y1, x0:x1], start)
+        return cls(points=points, mask=mask, box=area.box, size=area.mask.shape)
+
+
+@njit(cache=True, nogil=True)
+def placed(
+    depth: NDArray[np.float32],
+    mask: NDArray[np.bool_],
+    directions: NDArray[np.float32],
+    start: NDArray[np.float32],
+) -> NDArray[np.float32]:
+    """(3, h, w) float32 ``start + depth * direction`` inside the mask, 0 outside."""
+    h, w = depth.shape
+    points = np.empty((3, h, w), np.float32)
+    zero = np.float32(0.0)
+    for axis in range(3):
+        offset = start[axis]
+        for y in range(h):
+            row, inside, ray, line = depth[y], mask[y], directions[axis, y], points[axis, y]
+            for x in range(w):
+                value = offset + row[x] * ray[x]
+                line[x] = value if inside[x] else zero
+    return points

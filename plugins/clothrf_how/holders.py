@@ -1,0 +1,198 @@
+"""Who holds the cloth where: hands and grippers that touch it, told from it by their colour.
+
+The targets follow from where the person's hands are, so the points at which something that is not
+cloth touches the cloth are the most telling ones of the picture. An arm that only hides the cloth
+stands off from it in depth and is no holder.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from clothrf_core.rig import Rig
+from clothrf_core.types import Float
+from clothrf_how.foreground import Foreground
+from clothrf_how.foreground_kernels import ODD, surfaces
+
+SLOTS = ("hand0", "hand1", "grasp0", "grasp1")
+# Metres in depth between neighbouring pixels of one thing, and between a thing and the cloth that
+# it holds: a fist stands off from a cloth that hangs down behind it. What is farther only occludes.
+SMOOTH = 0.03
+TOUCH = 0.08
+# Metres from its end towards the cloth that count as a thing's tip.
+TIP = 0.008
+# Working pixels of a touch, and of the thing that touches, below which it is noise.
+LEAST_TOUCH = 4
+LEAST_AREA = 20
+# A thing's pixels over its touching ones, at least: a fringe of the cloth's rim in the background's
+# colour (colour and depth never match to the pixel) touches with every pixel it has.
+LEAST_DEPTH = 3.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Layout:
+    """Which way the person stands.
+
+    Attributes:
+        towards_hands: (3,) unit vector from the robot's side to the person's, horizontal, world.
+        across: (3,) unit vector from hand 0 to hand 1, horizontal, world.
+        middle: (3,) between the rest hands, world, metres; None = the anchor is all there is.
+    """
+
+    towards_hands: Float
+    across: Float
+    middle: Float | None = None
+
+    @classmethod
+    def of(cls, rig: Rig) -> Layout:
+        """From the rest corners."""
+        hands, grasp = rig.rest_hands, rig.rest_grasp
+        return cls(
+            _level(hands.mean(axis=0) - grasp.mean(axis=0)),
+            _level(hands[1] - hands[0]),
+            hands.mean(axis=0),
+        )
+
+    @classmethod
+    def facing(cls, T_world_camera: Float) -> Layout:
+        """Without a rig: the person stands behind the camera, hand 0 on the picture's left."""
+        return cls(_level(-T_world_camera[:3, 2]), _level(T_world_camera[:3, 0]))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Holders:
+    """Touching points, metres from the anchor, world axes.
+
+    Attributes:
+        seen: (4,) bool, in the order of `SLOTS`.
+        points: (4, 3) float64 middle of the touch; zeros where not seen.
+        tips: (4, 3) float64 end of what touches that is turned to the cloth.
+        away: (4, 3) float64 from there to the middle of what touches; zeros where not seen.
+    """
+
+    seen: NDArray[np.bool_]
+    points: Float
+    tips: Float
+    away: Float
+
+
+def find_holders(area: Foreground, anchor: Float, layout: Layout) -> Holders:
+    """The two largest things on the person's side and on the robot's, in the order of `across`."""
+    seen = np.zeros(4, bool)
+    points, tips, away = np.zeros((4, 3)), np.zeros((4, 3)), np.zeros((4, 3))
+    label, size = surfaces(area.measured, area.state, SMOOTH, ODD)
+    start = (area.view.camera.T_world_camera[:3, 3] - anchor).astype(np.float32)
+    table = touches(
+        label, size, area.mask, area.depth, area.measured, area.view.directions, start, TOUCH
+    )
+    touching, whole = table[:, 0], table[:, 4]
+    things = np.flatnonzero(
+        (touching >= LEAST_TOUCH) & (whole >= LEAST_AREA) & (whole >= LEAST_DEPTH * touching)
+    )
+    table = table[things]
+    middle = table[:, 1:4] / table[:, :1]
+    reach = table[:, 5:8] / table[:, 4:5] - middle
+    # A thing is the person's if it points, and lies, to the person's side.
+    by_person = (middle + 2.0 * reach) @ layout.towards_hands > 0.0
+    # One hand alone is the one on whose side of the rest pose it is.
+    centre = np.zeros(3) if layout.middle is None else layout.middle - anchor
+    for first, group in ((0, np.flatnonzero(by_person)), (2, np.flatnonzero(~by_person))):
+        largest = group[np.argsort(-table[group, 4], kind="stable")[:2]]
+        order = largest[np.argsort(middle[largest] @ layout.across, kind="stable")]
+        slots = [first, first + 1]
+        if order.size == 1:
+            slots = [first + int((middle[order[0]] - centre) @ layout.across > 0.0)]
+        for slot, which in zip(slots, order, strict=False):
+            seen[slot], points[slot], away[slot] = True, middle[which], reach[which]
+            tips[slot] = tip(
+                label, int(things[which]), area.measured, area.view.directions, start, reach[which]
+            )
+    return Holders(seen, points, tips, away)
+
+
+@njit(cache=True, nogil=True)
+def tip(
+    label: NDArray[np.int32],
+    which: int,
+    measured: NDArray[np.float32],
+    directions: NDArray[np.float32],
+    start: NDArray[np.float32],
+    away: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """(3,) mean of the points of thing `which` within `TIP` of its end against `away`."""
+    h, w = label.shape
+    length = np.sqrt((away * away).sum()) + 1e-9
+    least = 1e9
+    for y in range(h):
+        for x in range(w):
+            if label[y, x] == which:
+                along = 0.0
+                for axis in range(3):
+                    p = start[axis] + measured[y, x] * directions[axis, y, x]
+                    along += p * away[axis]
+                least = min(least, along / length)
+    total = np.zeros(3)
+    count = 0
+    for y in range(h):
+        for x in range(w):
+            if label[y, x] == which:
+                along = 0.0
+                point = np.zeros(3)
+                for axis in range(3):
+                    point[axis] = start[axis] + measured[y, x] * directions[axis, y, x]
+                    along += point[axis] * away[axis]
+                if along / length <= least + TIP:
+                    total += point
+                    count += 1
+    return total / max(count, 1)
+
+
+@njit(cache=True, nogil=True)
+def touches(
+    label: NDArray[np.int32],
+    size: NDArray[np.int32],
+    mask: NDArray[np.bool_],
+    depth: NDArray[np.float32],
+    measured: NDArray[np.float32],
+    directions: NDArray[np.float32],
+    start: NDArray[np.float32],
+    touch: float,
+) -> NDArray[np.float64]:
+    """(labels + 1, 8): touching pixels, the sum of their cloth points, area, the sum of all points.
+
+    A pixel of a thing touches the cloth if one of its four neighbours is cloth within `touch` of
+    its depth; the point counted is the cloth's.
+    """
+    h, w = label.shape
+    table = np.zeros((size.size, 8))
+    limit = np.float32(touch)
+    for y in range(h):
+        for x in range(w):
+            n = label[y, x]
+            if n == 0:
+                continue
+            d = measured[y, x]
+            table[n, 4] += 1.0
+            for axis in range(3):
+                table[n, 5 + axis] += start[axis] + d * directions[axis, y, x]
+            for k in range(4):
+                j = y + (1 if k == 0 else (-1 if k == 1 else 0))
+                i = x + (1 if k == 2 else (-1 if k == 3 else 0))
+                if not (0 <= j < h and 0 <= i < w) or not mask[j, i]:
+                    continue
+                c = depth[j, i]
+                if abs(c - d) < limit:
+                    table[n, 0] += 1.0
+                    for axis in range(3):
+                        table[n, 1 + axis] += start[axis] + c * directions[axis, j, i]
+    return table
+
+
+def _level(vector: Float) -> Float:
+    flat = np.array([vector[0], vector[1], 0.0])
+    length = float(np.linalg.norm(flat))
+    return flat / length if length > 1e-9 else np.array([1.0, 0.0, 0.0])
