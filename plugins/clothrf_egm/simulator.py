@@ -122,7 +122,7 @@ class EgmSimulator:
     def _loop(self, sockets: list[socket.socket], end: float) -> None:
         start = time.monotonic()
         due = [start, start + PHASE_S]
-        sent_ns = [0, 0]
+        sent_ns = [[0, 0], [0, 0]]  # of each arm: the request before the newest, the newest
         answers: list[Answer | None] = [None, None]
         while not self._stop.is_set():
             arm = 0 if due[0] <= due[1] else 1
@@ -137,16 +137,16 @@ class EgmSimulator:
                 continue
             answer = _newest(sockets[arm]) or answers[arm]
             answers[arm] = None
-            delay = None if answer is None else 1e-9 * (answer[1] - sent_ns[arm])
+            delay = None if answer is None else _delay(answer[1], sent_ns[arm])
             with self._lock:
                 request = self.arms[arm].cycle(
                     None if answer is None else answer[0],
-                    in_time=delay is not None and 0.0 <= delay <= CYCLE_S,
+                    in_time=delay is not None and delay <= CYCLE_S,
                 )
                 if request is not None and delay is not None and len(self._delays) < MOST_DELAYS:
                     self._delays.append(delay)
             if request is not None:
-                sent_ns[arm] = time.time_ns()
+                sent_ns[arm] = [sent_ns[arm][1], time.time_ns()]
                 _send(sockets[arm], request, self._peers[arm])
             # Late, it gives the client its 4 ms all the same.
             due[arm] = max(due[arm], now) + CYCLE_S
@@ -159,6 +159,16 @@ def _open(host: str) -> socket.socket:
     with contextlib.suppress(OSError):  # elsewhere than on Linux the reading time must do
         own.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
     return own
+
+
+def _delay(arrived_ns: int, sent_ns: list[int]) -> float:
+    """Seconds from request to answer.
+
+    Requests are answered in order: the newest answer is to the newest request, unless it is older
+    than that; then it is to the one before, and late.
+    """
+    before, newest = sent_ns
+    return 1e-9 * (arrived_ns - newest) if arrived_ns >= newest else 1e-9 * (arrived_ns - before)
 
 
 def _newest(own: socket.socket) -> Answer | None:
