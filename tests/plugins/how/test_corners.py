@@ -79,7 +79,7 @@ def test_hands_and_gripper_are_found_where_they_touch(rig, held):
         assert np.linalg.norm(found.points[slot] - truth[slot]) < 0.03
         assert np.linalg.norm(found.tips[slot] - truth[slot]) < 0.03
     assert found.away[0] @ Layout.of(rig).towards_hands > 0.02
-    assert found.away[3] @ Layout.of(rig).towards_hands < -0.02
+    assert found.away[3] @ Layout.of(rig).towards_hands < -0.01
 
 
 def test_what_holds_is_not_cloth(held):
