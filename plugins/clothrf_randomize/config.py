@@ -106,6 +106,11 @@ class SensorNoise(Section):
     edges: float = Field(1.0, ge=0.0, description="drop-outs, most of them near edges")
     holes: float = Field(1.0, ge=0.0, description="blobs without depth")
     offset: float = Field(1.0, ge=0.0, description="bias and scale error of a roll-out")
+    cosine_drop: bool = Field(
+        False,
+        description="kinect only: lose a share 1 - cos(incidence) of the pixels, an add-on of "
+        "some simulators (29 % at 45 degrees); otherwise only surfaces beyond 70 degrees",
+    )
     quantise: bool = Field(True, description="round to the sensor's unit")
     bias_std: float = Field(0.002, ge=0.0, description="of a roll-out, m")
     scale_std: float = Field(0.005, ge=0.0, description="of a roll-out, share")

@@ -15,9 +15,12 @@ from clothrf_randomize.pool import ACROSS, DOWN, DROP, NOISE, Pool
 from clothrf_randomize.smooth import Weights
 
 # A pixel is matched if this share of the dots of its window agrees with their mean disparity
-# within DOT_TOLERANCE / distance pixels (Bohg et al. 2014).
+# within DOT_TOLERANCE / distance pixels (Bohg et al. 2014). That was set for rooms: nearer than
+# DOT_RANGE metres the tolerance grows as 1 / z, as the disparities of a given slope do, or every
+# surface on a table would be lost.
 DOT_SHARE = 1.0 / 1.2
 DOT_TOLERANCE = 0.1
+DOT_RANGE = 1.5
 # Squared distance from which no dot of the window reaches an edge, pixels^2.
 BEYOND_DOTS2 = 36.0
 
@@ -143,7 +146,7 @@ def _disparity(  # type: ignore[no-untyped-def]
         if shadowed:
             _drop_shadow(d, left)
         if windowed:
-            _drop_unmatched(d, matched, r, distance2[r], dots)
+            _drop_unmatched(d, matched, r, distance2[r], dots, fb / np.float32(DOT_RANGE))
         noise = normal[starts[y, NOISE] + left :]
         if shared:
             above, below = nodes[row_n[y]], nodes[row_n[y] + 1]
@@ -178,7 +181,7 @@ def _drop_shadow(d, left):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _drop_unmatched(d, matched, r, near2, dots):  # type: ignore[no-untyped-def]
+def _drop_unmatched(d, matched, r, near2, dots, usual):  # type: ignore[no-untyped-def]
     """Drop pixels of row `r` whose window of dots does not agree on one disparity.
 
     Where the window lies on one surface of little slope it always agrees: not looked at.
@@ -190,14 +193,15 @@ def _drop_unmatched(d, matched, r, near2, dots):  # type: ignore[no-untyped-def]
         if near2[c] >= BEYOND_DOTS2 and 2 <= r < h - 2 and 2 <= c < w - 2:
             across = 0.25 * (matched[r, c + 2] - matched[r, c - 2])
             down = 0.25 * (matched[r + 2, c] - matched[r - 2, c])
-            if across * across + down * down < (0.5 * DOT_TOLERANCE) ** 2:
+            tolerance = DOT_TOLERANCE * max(1.0, d[c] / usual)
+            if across * across + down * down < (0.5 * tolerance) ** 2:
                 continue
-        if not _matches(matched, r, c, dots):
+        if not _matches(matched, r, c, dots, usual):
             d[c] = np.nan
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _matches(matched, r, c, dots):  # type: ignore[no-untyped-def]
+def _matches(matched, r, c, dots, usual):  # type: ignore[no-untyped-def]
     """Whether the dots of the window about (r, c) agree; pixels outside the window do not."""
     h, w = matched.shape
     count = dots.shape[0]
@@ -212,10 +216,11 @@ def _matches(matched, r, c, dots):  # type: ignore[no-untyped-def]
     if valid < DOT_SHARE * count:
         return False
     mean = total / valid
+    tolerance = DOT_TOLERANCE * max(1.0, mean / usual)
     agreeing = 0
     for k in range(count):
         i, j = r + int(dots[k, 0]), c + int(dots[k, 1])
-        if 0 <= i < h and 0 <= j < w and abs(matched[i, j] - mean) * dots[k, 2] < DOT_TOLERANCE:
+        if 0 <= i < h and 0 <= j < w and abs(matched[i, j] - mean) * dots[k, 2] < tolerance:
             agreeing += 1
     return agreeing >= DOT_SHARE * count
 

@@ -8,6 +8,7 @@ pixel costs no trigonometric function.
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
@@ -84,10 +85,18 @@ class DisparitySensor:
     unit: float
 
 
-def axial_sensor(family: str) -> AxialSensor:
-    """The numbers of 'sr300', 'kinect' or 'd435'."""
+def axial_sensor(family: str, *, cosine_drop: bool = False) -> AxialSensor:
+    """The numbers of 'sr300', 'kinect' or 'd435'.
+
+    Args:
+        family: which of them.
+        cosine_drop: the Kinect loses 1 - cos(theta) of its pixels instead of steep ones only.
+    """
     theta = np.arccos(np.sqrt(np.arange(COS_COUNT) / (COS_COUNT - 1)))
-    return {"sr300": _sr300, "kinect": _kinect, "d435": _d435}[family](theta)
+    sensor = {"sr300": _sr300, "kinect": _kinect, "d435": _d435}[family](theta)
+    if cosine_drop and family == "kinect":
+        return dataclasses.replace(sensor, drop=(1.0 - np.cos(theta)).astype(np.float32))
+    return sensor
 
 
 def disparity_sensor(family: str) -> DisparitySensor:
@@ -131,7 +140,7 @@ def _sr300(theta: Float) -> AxialSensor:
         a=_three(0.0, 0.0, 1.3e-3),
         b=_three(1.0, 0.0, 0.0),
         g=((degrees / 60.0) ** 2).astype(np.float32),
-        drop=np.clip((degrees - 70.0) / 20.0, 0.0, None).astype(np.float32),
+        drop=_grazing(theta),
         jitter_px=0.5,
         smooth_share=1.0,
         unit=0.125e-3,
@@ -142,7 +151,7 @@ def _kinect(theta: Float) -> AxialSensor:
     """Kinect v1 (Nguyen, Izadi, Lovell 2012, equations 1-3), theta limited to 85 degrees.
 
     sigma = 0.0012 + 0.0019 (z - 0.4)^2, beyond 60 degrees plus 0.0001 / sqrt(z) theta^2 /
-    (pi / 2 - theta)^2; drop-outs 1 - cos(theta).
+    (pi / 2 - theta)^2.
     """
     limited = np.minimum(theta, np.radians(85.0))
     steep = limited**2 / (0.5 * np.pi - limited) ** 2
@@ -150,7 +159,7 @@ def _kinect(theta: Float) -> AxialSensor:
         a=_three(0.0012 + 0.0019 * 0.16, -0.0019 * 0.8, 0.0019),
         b=_three(0.0, 0.0001, 0.0),
         g=np.where(theta > np.radians(60.0), steep, 0.0).astype(np.float32),
-        drop=(1.0 - np.cos(theta)).astype(np.float32),
+        drop=_grazing(theta),
         jitter_px=0.8,
         smooth_share=0.0,
         unit=1e-3,
@@ -167,12 +176,17 @@ def _d435(theta: Float) -> AxialSensor:
         a=_three(0.001063, 0.0007278, 0.003949),
         b=_three(0.0, 0.0, 0.022),
         g=(limited / (0.5 * np.pi - limited) ** 2).astype(np.float32),
-        drop=np.clip((np.degrees(theta) - 70.0) / 20.0, 0.0, None).astype(np.float32),
+        drop=_grazing(theta),
         jitter_px=0.5,
         smooth_share=0.0,
         unit=1e-3,
         about_y=True,
     )
+
+
+def _grazing(theta: Float) -> Float32:
+    """Share of pixels lost: rises from 0 at 70 degrees to 1 at 90."""
+    return np.clip((np.degrees(theta) - 70.0) / 20.0, 0.0, None).astype(np.float32)
 
 
 def _three(x: float, y: float, z: float) -> Three:

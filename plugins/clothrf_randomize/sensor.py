@@ -40,7 +40,7 @@ class Sensor:
         self._dots = dot_pattern()
         self._metric = config.family in ("sr300", "kinect", "d435")
         if self._metric:
-            self._axial = axial_sensor(config.family)
+            self._axial = axial_sensor(config.family, cosine_drop=config.cosine_drop)
         else:
             self._disparity = disparity_sensor(config.family)
 

@@ -70,9 +70,11 @@ def test_noise_grows_with_incidence_as_published(flat, family, degrees):
     error = patch - z[225:255, 314:326]
     expected = axial_sensor(family).sigma(np.array(0.6), np.radians(degrees))
     assert np.nanstd(error) == pytest.approx(float(expected), rel=0.06)
+    assert not np.isnan(patch).any()
     if family == "kinect":
+        stack = seen(frame, sensor(family, incidence=1.0, cosine_drop=True), count=60)
         lost = 1.0 - np.cos(np.radians(degrees))
-        assert np.isnan(patch).mean() == pytest.approx(lost, abs=0.02)
+        assert np.isnan(stack[:, 225:255, 314:326]).mean() == pytest.approx(lost, abs=0.02)
 
 
 def test_steep_surfaces_lose_depth_beyond_70_degrees(flat):
@@ -146,6 +148,19 @@ def test_the_dot_window_drops_thin_and_steep_things(flat):
     assert np.isnan(stack[:, 150:330, 301]).all()
     assert np.isfinite(stack[:, 150:330, 320:500]).all()
     assert np.isnan(stack[:, 200:280, 121]).all()  # a window that half hangs over the border
+
+
+def test_the_dot_window_keeps_slopes_of_a_cloth_on_a_table(flat):
+    u = np.mgrid[0:480, 0:640][1]
+    shares = []
+    for degrees in (30.0, 50.0, 80.0):
+        z = 0.5 / (1.0 - np.tan(np.radians(degrees)) * (u - 319.5) / 620.0)
+        depth = np.where((z > 0.4) & (z < 0.6), z, np.nan).astype(np.float32)
+        stack = seen(dataclasses.replace(flat, depth=depth), sensor("disparity", axial=1.0), 2)
+        shares.append(np.isfinite(stack[:, 100:380, 316:324]).mean())
+    assert shares[0] == 1.0
+    assert shares[1] > 0.98
+    assert shares[2] < 0.02
 
 
 def test_jitter_moves_edges_and_nothing_else(flat):

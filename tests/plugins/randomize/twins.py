@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from clothrf_randomize.disparity import BEYOND_DOTS2, DOT_SHARE, DOT_TOLERANCE
+from clothrf_randomize.disparity import BEYOND_DOTS2, DOT_RANGE, DOT_SHARE, DOT_TOLERANCE
 from clothrf_randomize.edges import FAR2, REACH
 from clothrf_randomize.pool import ACROSS, DOWN, DROP, NOISE
 from clothrf_randomize.smooth import field
@@ -112,7 +112,11 @@ def disparity(depth, window, near2, focal, sensor, s, *, drop, dots, pool, start
                     kept[r, c] = np.nan
                 else:
                     lowest = place
-            if sensor.window and s.noise > 0 and not matches(d, r, c, near2[r, c], dots):
+            if (
+                sensor.window
+                and s.noise > 0
+                and not matches(d, r, c, near2[r, c], dots, fb / F(DOT_RANGE))
+            ):
                 kept[r, c] = np.nan
     white = stretch(pool.normal, starts, NOISE, shape)
     noise = field(nodes, *grid) if sensor.cell_px else white
@@ -144,18 +148,20 @@ def sampled(depth, jitter, pool, starts):
     return np.where(np.isnan(z), near, z)
 
 
-def matches(d, r, c, near2, dots):
+def matches(d, r, c, near2, dots, usual):
     h, w = d.shape
     if np.isnan(d[r, c]):
         return False
     if near2 >= BEYOND_DOTS2 and 2 <= r < h - 2 and 2 <= c < w - 2:
         across, down = d[r, c + 2] - d[r, c - 2], d[r + 2, c] - d[r - 2, c]
-        if (across**2 + down**2) / 16 < (0.5 * DOT_TOLERANCE) ** 2:
+        tolerance = DOT_TOLERANCE * max(1.0, d[r, c] / usual)
+        if (across**2 + down**2) / 16 < (0.5 * tolerance) ** 2:
             return True
     i, j = r + dots[:, 0].astype(int), c + dots[:, 1].astype(int)
     inside = (i >= 0) & (i < h) & (j >= 0) & (j < w)
     values = np.where(inside, d[np.clip(i, 0, h - 1), np.clip(j, 0, w - 1)], np.nan)
     if np.isfinite(values).sum() < DOT_SHARE * len(dots):
         return False
-    agree = np.abs(values - np.nanmean(values.astype(float))) * dots[:, 2] < DOT_TOLERANCE
+    mean = np.nanmean(values.astype(float))
+    agree = np.abs(values - mean) * dots[:, 2] < DOT_TOLERANCE * max(1.0, mean / usual)
     return agree.sum() >= DOT_SHARE * len(dots)
