@@ -29,7 +29,7 @@ class YumiConfig(Section):
     )
     posture: float = Field(1e-3, gt=0.0, description="weight of the ready posture, m/rad")
     clearance: float = Field(
-        0.015, ge=0.0, lt=0.05, description="arms are steered to keep this distance, m"
+        0.025, ge=0.0, lt=0.05, description="arms are steered to keep this distance, m"
     )
     padding: float = Field(0.01, ge=0.0, description="body and table count as this much thicker, m")
     jump: float = Field(0.1, gt=0.0, description="targets farther from the gripper are refused, m")

@@ -69,7 +69,7 @@ class Patience:
     tolerance: float = 1e-4
     jump: float = 0.1
     reach: float = 0.01
-    clearance: float = 0.015
+    clearance: float = 0.025
     turn: float = 0.4
 
 

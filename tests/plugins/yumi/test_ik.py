@@ -18,7 +18,7 @@ DT = 1.0 / 30.0
 
 
 def yumi(**options: object) -> Yumi:
-    config = YumiConfig.model_validate({"profile": "normal", **options})
+    config = YumiConfig.model_validate({"profile": "normal", "clearance": 0.015, **options})
     return Yumi(config, corners=REST, table_height=-0.02)
 
 
