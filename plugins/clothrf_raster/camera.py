@@ -7,7 +7,6 @@ import threading
 from types import TracebackType
 from typing import Self, cast
 
-import numpy as np
 from typing_extensions import override
 
 from clothrf_core.interfaces import RenderedCamera
@@ -73,8 +72,7 @@ class RasterCamera(RenderedCamera):
 
     def _draw(self, board: Drawing, scene: Scene, camera: CameraModel) -> Picture:
         canvas = board.draw(scene)
-        depth = np.empty((camera.height, camera.width), np.float32)
-        labels = np.empty((camera.height, camera.width), np.uint8)
+        depth, labels = board.depths.take(), board.labels.take()
         self._engine.finish(canvas, board.view, depth, labels)
         rgb = canvas.rgb if self._config.colour else board.black
         frame = RgbdFrame(stamp_ns=scene.stamp_ns, rgb=rgb, depth=depth, camera=camera)

@@ -19,6 +19,7 @@ from clothrf_core.types import CameraModel, Float, Float32
 from clothrf_raster import shading
 from clothrf_raster.bend import Bend
 from clothrf_raster.canvas import Canvas, Ink, Keys, code_of
+from clothrf_raster.spares import Spares
 from clothrf_raster.view import View
 
 STILL = (Label.BACKDROP, Label.TABLE, Label.OCCLUDER)
@@ -56,6 +57,9 @@ class Drawing:
         work: keys of everything.
         black: (H, W, 3) uint8 zeros, the colour picture where colour is off.
         ramp: 0, 1, 2, ... as float32.
+        depths: (H, W) float32 arrays for pictures.
+        labels: (H, W) uint8 arrays for pictures.
+        colours: (H, W, 3) uint8 arrays for pictures.
         seen: still meshes of the frame before (copies: their owner may write into the arrays).
         kept: how many of `seen` are drawn in `base`.
         palettes: colour of a mesh -> its shades.
@@ -72,6 +76,9 @@ class Drawing:
     work: Keys
     black: NDArray[np.uint8]
     ramp: Float32
+    depths: Spares
+    labels: Spares
+    colours: Spares
     seen: list[SceneMesh] = field(default_factory=list)
     kept: int = 0
     palettes: dict[Colour, NDArray[np.uint8]] = field(default_factory=dict)
@@ -98,6 +105,9 @@ class Drawing:
             work=np.empty_like(base.keys),
             black=np.zeros((camera.height, camera.width, 3), np.uint8),
             ramp=np.arange(camera.width + 1, dtype=np.float32),
+            depths=Spares((camera.height, camera.width), np.float32),
+            labels=Spares((camera.height, camera.width), np.uint8),
+            colours=Spares(base.rgb.shape, np.uint8),
         )
 
     def draw(self, scene: Scene) -> Canvas:
@@ -113,7 +123,9 @@ class Drawing:
         if same < max(len(still), len(self.seen)):
             self.seen = self.seen[:same] + [_copy(mesh) for mesh in still[same:]]
         np.copyto(self.work, self.base.keys)
-        canvas = replace(self.base, keys=self.work, rgb=self.base.rgb.copy())
+        rgb = self.colours.take()
+        np.copyto(rgb, self.base.rgb)
+        canvas = replace(self.base, keys=self.work, rgb=rgb)
         for mesh in meshes[same:]:
             self._draw_on(canvas, mesh)
         return canvas

@@ -16,8 +16,8 @@ print("\\nDEVICE " + (lines[0].split(":", 1)[1].strip() if lines else "unnamed")
 
 MEND = (
     "install a Vulkan driver. On Debian 12: enable bookworm-backports, then "
-    "'apt-get install libvulkan1 && apt-get install -t bookworm-backports mesa-vulkan-drivers'; "
-    "on Debian 13 and Ubuntu 24.04: 'apt-get install libvulkan1 mesa-vulkan-drivers'; with an "
+    "'apt-get install libvulkan1 libx11-6 && apt-get install -t bookworm-backports mesa-vulkan-drivers'; "
+    "on Debian 13 and Ubuntu 24.04: 'apt-get install libvulkan1 libx11-6 mesa-vulkan-drivers'; with an "
     "NVIDIA GPU its own driver. Without one, the camera 'raster' draws the same pictures"
 )
 
