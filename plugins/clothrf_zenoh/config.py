@@ -60,6 +60,7 @@ class ZenohSection(Section):
     domain: int = Field(0, ge=0, le=232, description="ROS_DOMAIN_ID")
     lease_s: Seconds = Field(0.5, description="a silent peer is dropped after this")
     retry_s: tuple[Seconds, Seconds] = Field((0.05, 0.2), description="first, longest wait")
+    connect_timeout_s: Seconds = Field(5.0, description="wait for the other side when opening")
     max_message_bytes: int = Field(65536, ge=2048, description="larger messages are dropped")
     tls: TlsSection | None = None
     user: UserSection | None = None
@@ -116,6 +117,6 @@ class YumiZenohConfig(Section):
     max_step: float = Field(0.3, gt=0.0, description="targets farther from the arms are refused, m")
     lease_s: float = Field(0.3, ge=0.1, le=2.0, description="the bridge stops if not renewed")
     deadman_s: Seconds = Field(1.0, description="no command for so long: the lease is let go")
-    connect_timeout_s: Seconds = Field(5.0, description="wait for a bridge on entering")
+    state_timeout_s: Seconds = Field(5.0, description="wait for joint states on entering")
     realtime_priority: int = Field(20, ge=0, le=50, description="SCHED_FIFO if permitted; 0: off")
     record: Path | None = Field(None, description="MCAP file of everything on the wire")

@@ -94,5 +94,6 @@ class Follower:
         except RefusedTarget:
             self._restart()
             raise
-        self._posture, self._point = posture, point
+        # The set-point goes on from where the joints could follow it, so it never runs away.
+        self._posture, self._point = posture, self._arm.grasp_points(posture)
         return self._q, qd

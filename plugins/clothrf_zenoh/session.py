@@ -40,13 +40,13 @@ def options_of(section: ZenohSection, folder: Path) -> dict[str, Any]:
     first, longest = section.retry_s
     retry = {"period_init_ms": int(1e3 * first), "period_max_ms": int(1e3 * longest)}
     options: dict[str, Any] = {
-        # The side that listens is the hub of a star: what one client sends, a recorder may see.
-        "mode": "router" if section.listen else "peer",
+        # The side that listens is the hub of a star: a recorder sees what a sender sends.
+        "mode": "router" if section.listen else "client",
         "listen/endpoints": section.listen,
         "listen/exit_on_failure": True,
         "connect/endpoints": section.connect,
-        "connect/timeout_ms": -1,
-        "connect/exit_on_failure": False,
+        "connect/timeout_ms": -1 if section.listen else int(1e3 * section.connect_timeout_s),
+        "connect/exit_on_failure": not section.listen,
         "connect/retry": retry,
         "scouting/multicast/enabled": False,
         "scouting/gossip/enabled": False,
@@ -198,9 +198,15 @@ def open_session(section: ZenohSection, folder: Path) -> zenoh.Session:
     try:
         return zenoh.open(config)
     except zenoh.ZError as error:
-        raise BridgeUnreachable(
-            f"zenoh: cannot listen on {section.listen} or connect to {section.connect}: {error}"
-        ) from error
+        reason = str(error).partition(" at /")[0]
+        if section.listen:
+            text = f"zenoh: cannot listen on {section.listen}: {reason}"
+        else:
+            text = (
+                f"zenoh: nobody to talk to at {section.connect}: {reason} Is `clothrf bridge` "
+                "running there, and does it know this user or certificate?"
+            )
+        raise BridgeUnreachable(text) from error
 
 
 def host_of(endpoint: str) -> str:

@@ -201,7 +201,7 @@ def _stream(setup: StreamSetup, wishes: Mailbox, news: Mailbox, parent: int) -> 
                 period_s=1.0 / config.rate_hz,
             )
         )
-        client.wait_for_bridge(config.connect_timeout_s)
+        client.wait_for_bridge(config.state_timeout_s)
         stream = Stream(arm, client, config, clock)
         settle_memory()
         pace = Pace(clock, config.rate_hz)

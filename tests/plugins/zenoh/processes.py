@@ -45,10 +45,12 @@ def bridge(port, **limits):
     return BridgeProcess(bridge_tables(port, **limits), folder=Path(), registry=crane_registry)
 
 
-def robot(port, **options):
+def robot(port, *, connect_timeout_s=5.0, **options):
     config = YumiZenohConfig(
         arm={"plugin": "crane"},
-        zenoh=ZenohSection(connect=[f"tcp/127.0.0.1:{port}"], lease_s=2.0),
+        zenoh=ZenohSection(
+            connect=[f"tcp/127.0.0.1:{port}"], lease_s=2.0, connect_timeout_s=connect_timeout_s
+        ),
         lease_s=1.5,
         deadman_s=1.0,
         realtime_priority=0,
