@@ -15,9 +15,9 @@ print("\\nDEVICE " + (lines[0].split(":", 1)[1].strip() if lines else "unnamed")
 """
 
 MEND = (
-    "install a Vulkan driver. On Debian 12: enable bookworm-backports, then "
-    "'apt-get install libvulkan1 libx11-6 && apt-get install -t bookworm-backports mesa-vulkan-drivers'; "
-    "on Debian 13 and Ubuntu 24.04: 'apt-get install libvulkan1 libx11-6 mesa-vulkan-drivers'; with an "
+    "install a Vulkan driver: 'apt-get install libvulkan1 libx11-6 mesa-vulkan-drivers', on "
+    "Debian 12 with bookworm-backports enabled and "
+    "'apt-get install -t bookworm-backports mesa-vulkan-drivers' (Mesa >= 24.3 is needed); with an "
     "NVIDIA GPU its own driver. Without one, the camera 'raster' draws the same pictures"
 )
 
