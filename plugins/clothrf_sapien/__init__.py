@@ -41,6 +41,12 @@ def _cloth_truth(quick: bool) -> list[Figure]:  # noqa: FBT001
     return truth(quick=quick)
 
 
+def _cloth_peer(quick: bool) -> list[Figure]:  # noqa: FBT001
+    from clothrf_sapien.bench_mujoco import against_mujoco
+
+    return against_mujoco(quick=quick)
+
+
 def _picture(quick: bool) -> list[Figure]:  # noqa: FBT001
     from clothrf_sapien.camera_bench import frames
 
@@ -83,4 +89,5 @@ def clothrf_benchmarks() -> Sequence[Benchmark]:
         Benchmark(group="core", name="cloth strain", run=_cloth_strain, needs="fast"),
         Benchmark(group="core", name="cloth truth", run=_cloth_truth, needs="fast"),
         Benchmark(group="core", name="SAPIEN frame", run=_picture, needs="vulkan"),
+        Benchmark(group="scale", name="cloth against MuJoCo", run=_cloth_peer, needs="mujoco"),
     ]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
@@ -22,7 +23,7 @@ def step(*, quick: bool) -> list[Figure]:
     """Processor time of a control step: many cloths a call, one cloth a call, larger cloths."""
     steps = 60 if quick else 400
     alone = {task: _one(task, steps) for task in TASKS}
-    together = _many(steps)
+    together = amortised("all", steps)
     detail = {f"one_cloth_{task}_ms": float(np.median(t) * 1e3) for task, t in alone.items()}
     detail |= {
         "mean_ms": float(together.mean() * 1e3),
@@ -98,9 +99,9 @@ def _one(task: str, steps: int, **changes: object) -> Float:
     return times
 
 
-def _batch(steps: int, seed: int) -> tuple[ClothBatch, Float, Float]:
-    """Eight cloths, two of each motion, and (steps + 1, 8, 2, 3) hands and grasps."""
-    paths = [motion(task, steps + 1, seed + k) for k, task in enumerate(TASKS * 2)]
+def _batch(tasks: Sequence[str], steps: int, seed: int) -> tuple[ClothBatch, Float, Float]:
+    """A cloth for each of `tasks` and (steps + 1, N, 2, 3) hands and grasps."""
+    paths = [motion(task, steps + 1, seed + k) for k, task in enumerate(tasks)]
     hands = np.stack([p[0] for p in paths], axis=1)
     grasp = np.stack([p[1] for p in paths], axis=1)
     batch = ClothBatch(ClothOptions())
@@ -109,9 +110,14 @@ def _batch(steps: int, seed: int) -> tuple[ClothBatch, Float, Float]:
     return batch, hands, grasp
 
 
-def _many(steps: int) -> Float:
-    """(steps,) processor seconds of each control step, amortised over eight cloths a call."""
-    batch, hands, grasp = _batch(steps, 10)
+def amortised(task: str, steps: int) -> Float:
+    """(steps,) processor seconds of a control step, a cloth; eight cloths a call.
+
+    Args:
+        task: of all cloths, or "all" for two of each.
+        steps: how many.
+    """
+    batch, hands, grasp = _batch(TASKS * 2 if task == "all" else [task] * 8, steps, 10)
     times = np.zeros(steps)
     for i in range(steps):
         begin = time.thread_time()
@@ -129,13 +135,15 @@ def _threads(steps: int) -> float:
             cloths.step_many(grasp[i + 1], hands[i + 1], STEP)
 
     steps = min(steps, 60)
+    first, second = (_batch(TASKS, steps, seed) for seed in (20, 30))
     begin = time.perf_counter()
-    for seed in (20, 30):
-        run(_batch(steps, seed))
+    run(first)
+    run(second)
     alone = time.perf_counter() - begin
+    pair = [_batch(TASKS, steps, seed) for seed in (20, 30)]
     begin = time.perf_counter()
     with ThreadPoolExecutor(2) as pool:
-        list(pool.map(lambda seed: run(_batch(steps, seed)), (20, 30)))
+        list(pool.map(run, pair))
     return alone / (time.perf_counter() - begin)
 
 
