@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from pydantic import Field
+import ipaddress
+from typing import Self
+
+from pydantic import Field, model_validator
 
 from clothrf_core.rig import Section
 
@@ -28,3 +31,24 @@ class EgmConfig(Section):
     speed_reference: bool = Field(
         False, description="send joint speeds as feed-forward beside the positions"
     )
+
+    @model_validator(mode="after")
+    def _name_the_controller(self) -> Self:
+        # EGM knows no passwords: beyond this machine the sender's address is all there is.
+        for name, value in (("host", self.host), ("controller", self.controller)):
+            if value is not None and not _is_address(value):
+                raise ValueError(f"{name}: expected an IPv4 address, found '{value}'")
+        if self.controller is None and not ipaddress.ip_address(self.host).is_loopback:
+            raise ValueError(
+                f"controller: expected the controller's address beside host '{self.host}', which "
+                "others reach too; found none"
+            )
+        return self
+
+
+def _is_address(text: str) -> bool:
+    try:
+        ipaddress.IPv4Address(text)
+    except ValueError:
+        return False
+    return True

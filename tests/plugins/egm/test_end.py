@@ -12,6 +12,7 @@ from clothrf_egm.config import EgmConfig
 from clothrf_egm.controller import ControllerModel
 from clothrf_egm.end import EgmEnd
 from clothrf_egm.simulator import EgmSimulator
+from pydantic import ValidationError
 
 from clothrf_core.errors import ClothrfError
 from clothrf_core.registry import Registry
@@ -171,6 +172,19 @@ def test_only_the_configured_controller_is_answered():
     with EgmEnd(config) as end, simulator(end):
         until(lambda: end.health()["left_foreign"] > 3)
         assert end.health()["left_requests"] == 0
+
+
+@pytest.mark.parametrize("host", ["0.0.0.0", "192.168.125.50"])
+def test_beyond_this_machine_the_controller_must_be_named(host):
+    with pytest.raises(ValidationError, match="controller: expected the controller's address"):
+        EgmConfig(host=host)
+    assert EgmConfig(host=host, controller="192.168.125.1").controller == "192.168.125.1"
+
+
+@pytest.mark.parametrize("host", ["robot", "", "300.1.1.1", "::1"])
+def test_a_host_that_is_no_address_is_an_error(host):
+    with pytest.raises(ValidationError, match="host: expected an IPv4 address, found"):
+        EgmConfig(host=host)
 
 
 def test_a_port_in_use_is_an_error_that_says_so():

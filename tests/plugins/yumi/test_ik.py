@@ -210,6 +210,42 @@ def test_the_answer_does_not_depend_on_what_was_asked_before(arm):
     np.testing.assert_allclose(answer, fresh, rtol=0, atol=1e-12)
 
 
+def check_random_walks(seed: int, solves: int) -> None:
+    """Any step to anywhere from anywhere: within limits, apart, or a typed refusal."""
+    rng = np.random.default_rng(seed)
+    arm = yumi(orientation=rng.choice([0.0, 0.05, 0.3]))
+    limits, q, done = arm.limits, arm.ready, 0
+    while done < solves:
+        if rng.random() < 0.05:
+            anywhere = rng.uniform(limits.soft_lower, limits.soft_upper)
+            q = anywhere if arm.clearance(anywhere)[0] > 0.02 else arm.ready
+        dt = rng.choice([0.004, DT, 0.2])
+        way = rng.normal(size=(2, 3))
+        way *= rng.choice([0.002, 0.02, 0.095]) / np.linalg.norm(way, axis=1, keepdims=True)
+        for _ in range(int(rng.integers(1, 12))):
+            before = arm.clearance(q)[0]
+            done += 1
+            try:
+                after = arm.solve(q, arm.grasp_points(q) + way, dt)
+            except RefusedTarget:
+                break
+            assert np.all(np.abs(after - q) <= limits.velocity * dt * (1 + 1e-12))
+            assert np.all(after >= limits.soft_lower)
+            assert np.all(after <= limits.soft_upper)
+            assert arm.clearance(after)[0] >= min(before, 0.0145) - 1e-9
+            q = after
+
+
+def test_random_walks_break_no_promise():
+    check_random_walks(seed=4, solves=1500)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(5, 9))
+def test_long_random_walks_break_no_promise(seed):
+    check_random_walks(seed, solves=15_000)
+
+
 def refusal(arm: Yumi, targets: np.ndarray) -> str:
     q = arm.ready
     with pytest.raises(RefusedTarget) as caught:
