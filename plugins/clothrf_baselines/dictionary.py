@@ -14,7 +14,7 @@ from clothrf_baselines.config import DictionaryConfig
 from clothrf_baselines.method import Arrays, Fitted, Method, Predictor, Rows, held_out
 from clothrf_core.types import Float, Float32
 
-_LADDER = (0.01, 0.03, 0.1, 0.3)
+_LADDER = (0.001, 0.003, 0.01, 0.03, 0.1, 0.3)
 _TESTED = 100
 # The solver stops when no weight moves by more than this share of the largest.
 _SETTLED = 1e-4
