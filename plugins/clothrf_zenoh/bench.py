@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import contextlib
+import json
 import multiprocessing
 import os
 import signal
 import socket
+import subprocess
+import sys
 import time
 from collections.abc import Iterator, Mapping
 from multiprocessing.process import BaseProcess
@@ -95,10 +98,11 @@ def tick(*, quick: bool) -> list[Figure]:
 
 
 def stream(*, quick: bool) -> list[Figure]:
-    """`stream_lost`: 250 Hz for 2 minutes (quick: 4 s), sender and bridge as processes.
+    """`stream_lost`: 250 Hz for 2 minutes (quick: 4 s) into two simulated EGM controllers.
 
-    Lost and reordered messages are counted by the bridge from the sequence numbers. The watchdog
-    is slack here, so that a busy machine delays messages without ending the measurement.
+    Sender, bridge and controllers are processes. Lost and reordered messages are counted by the
+    bridge from the sequence numbers. The watchdog is slack here, so that a busy machine delays
+    messages without ending the measurement.
     """
     seconds = 4.0 if quick else 120.0
     port = _free_port()
@@ -107,11 +111,15 @@ def stream(*, quick: bool) -> list[Figure]:
         zenoh=ZenohSection(connect=[f"tcp/127.0.0.1:{port}"], lease_s=5.0),
         lease_s=2.0,
         deadman_s=2.0,
+        state_timeout_s=20.0,
     )
     slack = {"watchdog_s": 2.0, "max_age_s": 2.0, "max_gap_s": 2.0}
     here = Path()
-    far = BridgeProcess(_bridge(port, {**WIDE, **slack}), folder=here)
-    with far, StreamedYumi(config, folder=here) as robot:
+    tables = _bridge(port, {**WIDE, **slack})
+    tables["state_rate_hz"] = 50.0
+    tables["end"], controllers = _controllers()
+    far = BridgeProcess(tables, folder=here)
+    with far, controllers as counters, StreamedYumi(config, folder=here) as robot:
         rest = robot.state().positions
         begun = time.monotonic()
         number = 0
@@ -129,8 +137,40 @@ def stream(*, quick: bool) -> list[Figure]:
         "seconds": seconds,
         "sender_lateness_p99_us": status["lateness_p99_us"],
         **{k: v for k, v in counted.items() if k not in ("reason", "last_refusal", "state")},
+        **{f"controllers_{name}": value for name, value in counters.items()},
     }
     return [Figure("stream_lost", lost, "messages", detail)]
+
+
+def _controllers() -> tuple[dict[str, Any], contextlib.AbstractContextManager[dict[str, Any]]]:
+    """The bridge's end and, where `clothrf egm-sim` is installed, the controllers behind it."""
+    commands = {command.name for command in Registry.installed().commands}
+    if "egm-sim" not in commands:
+        return {"plugin": "sim"}, contextlib.nullcontext({})
+    left, right = _free_port(socket.SOCK_DGRAM), _free_port(socket.SOCK_DGRAM)
+    end = {"plugin": "egm", "left_port": left, "right_port": right}
+    return end, _egm_sim(left, right)
+
+
+@contextlib.contextmanager
+def _egm_sim(left: int, right: int) -> Iterator[dict[str, Any]]:
+    """`clothrf egm-sim` while the block runs; afterwards its counters are in what was yielded."""
+    words = ["egm-sim", "--left-port", str(left), "--right-port", str(right), "--json"]
+    process = subprocess.Popen(
+        [sys.executable, "-c", "from clothrf_core.cli import main; main()", *words],
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    counters: dict[str, Any] = {}
+    try:
+        yield counters
+    finally:
+        process.send_signal(signal.SIGINT)
+        try:
+            counters.update(json.loads(process.communicate(timeout=10.0)[0]))
+        except (subprocess.TimeoutExpired, ValueError):
+            process.kill()
+            process.wait()
 
 
 def watchdog(*, quick: bool) -> list[Figure]:
@@ -301,7 +341,7 @@ def _bridge(port: int, limits: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-def _free_port() -> int:
-    with socket.socket() as probe:
+def _free_port(kind: socket.SocketKind = socket.SOCK_STREAM) -> int:
+    with socket.socket(type=kind) as probe:
         probe.bind(("127.0.0.1", 0))
         return int(probe.getsockname()[1])

@@ -48,8 +48,8 @@ def bridge_app() -> typer.Typer:
             bounds = bounds_of(build_arm(file, registry), file.config.limits, 0.004)
             print(f"{config}: good; {_summary(file)}, {len(bounds.names)} joints")
             return
-        logging.basicConfig(level=logging.INFO, format="%(message)s")
-        status = serve(file, registry, WallClock(), _until_interrupted(), ready=print)
+        _show_log()
+        status = serve(file, registry, WallClock(), _until_interrupted(), ready=_say)
         print(f"bridge: stopped after {status['ticks']} ticks, {status['overruns']} overruns")
 
     return app
@@ -156,6 +156,19 @@ def _summary(file: BridgeFile) -> str:
     where = ", ".join([*zenoh.listen, *zenoh.connect])
     safe = " + ".join(locks) or ("insecure" if zenoh.insecure else "this machine only")
     return f"arm {file.arm[0]}, end {file.end[0]}, {where} ({safe})"
+
+
+def _say(text: str) -> None:
+    print(text, flush=True)
+
+
+def _show_log() -> None:
+    """Changes of the bridge's state go to the terminal."""
+    handler = logging.StreamHandler()
+    handler.setFormatter(logging.Formatter("%(message)s"))
+    log = logging.getLogger("clothrf_zenoh")
+    log.addHandler(handler)
+    log.setLevel(logging.INFO)
 
 
 def _until_interrupted() -> Callable[[], bool]:
