@@ -43,16 +43,23 @@ class ForegroundOptions(Section):
         0.02, gt=0.0, description="m; neighbours farther apart in depth are not one surface"
     )
     keep_share: float = Field(
-        0.05,
+        0.015,
         gt=0.0,
         le=1.0,
         description="further pieces are kept from this share of the largest piece on",
+    )
+    stand_off: float = Field(
+        0.12,
+        gt=0.0,
+        description="m; a further piece that is before or behind the largest one by this where "
+        "they meet is an arm or the background; folds of the cloth are less apart",
     )
     colour_tolerance: float = Field(
         0.08,
         ge=0.0,
         description="pixels whose (r, g) / (r + g + b) is farther than this from the median of "
-        "what may be cloth are a hand or a gripper; 0 = do not look; the rig's hue comes first",
+        "what may be cloth, or than its scatter, are a hand or a gripper; 0 = do not look; the "
+        "rig's hue comes first",
     )
     fill_gap: int = Field(
         8, ge=0, description="px; holes up to this wide, and thin things in front, are bridged"

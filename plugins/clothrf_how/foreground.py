@@ -105,7 +105,7 @@ def foreground(
         kernels.odd_colours(state, frame.rgb, view.factor, options.colour_tolerance)
     label, area = kernels.surfaces(z, state, options.jump, kernels.CANDIDATE)
     mask = label == _largest(area)
-    for piece in _further_pieces(area, options.keep_share):
+    for piece in _further_pieces(label, area, z, options):
         mask |= label == piece
     mask, depth = kernels.bridge(mask, z, options.fill_gap, options.jump)
     count, u, v, total = kernels.sums(mask, depth)
@@ -173,10 +173,14 @@ def _largest(area: NDArray[np.int32]) -> int:
     return int(np.argmax(area)) if area.size > 1 else -1
 
 
-def _further_pieces(area: NDArray[np.int32], share: float) -> NDArray[np.intp]:
-    if area.size <= 2:
-        return np.zeros(0, np.intp)
+def _further_pieces(
+    label: NDArray[np.int32], area: NDArray[np.int32], z: Float32, options: ForegroundOptions
+) -> list[int]:
+    """Pieces large enough that are not far before or behind the largest one where they meet it."""
     main = _largest(area)
-    pieces: NDArray[np.intp] = np.flatnonzero(area >= share * area[main])
-    others: NDArray[np.intp] = pieces[pieces != main]
-    return others
+    least = max(1, int(options.keep_share * area[main])) if main > 0 else 1
+    pieces = [int(n) for n in np.flatnonzero(area >= least) if n != main]
+    if not pieces:
+        return []
+    meets = kernels.apart(label, area, z, main, least, options.stand_off)
+    return [n for n in pieces if 2 * meets[n, 0] <= meets[n, 1]]

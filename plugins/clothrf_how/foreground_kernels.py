@@ -18,6 +18,9 @@ ODD = 3
 # the mean of near and far would be a point in the air.
 BLOCK = np.float32(0.015)
 
+# Pieces of the picture meet across this many pixels: depth is missing along edges.
+GAP = 4
+
 
 # Both reductions are written without branches (every condition is a select), so that the loop over
 # a row becomes vector code: 0.19 ms instead of 1.06 ms for 640 x 480 as nested ifs. "numpy" errors:
@@ -131,7 +134,9 @@ def reduce_pixels(
 
 # Sum of r, g, b below which a pixel has no colour to speak of, and bins of a chromaticity.
 DARK = 36
-BINS = 64
+BINS = 256
+# A cloth's own colours spread: five median deviations are taken as its own, this at the least.
+LEAST_SPREAD = np.float32(0.025)
 
 
 @njit(cache=True, nogil=True)
@@ -143,7 +148,8 @@ def odd_colours(
     Colour is the chromaticity (r, g) / (r + g + b), which shading does not change; "most of them"
     is its median over the candidates. Hands, arms and grippers that touch the cloth go this way.
     Nothing happens where colours say nothing: dark pictures, or a cloth of many colours (less than
-    half of the candidates agree).
+    half of the candidates agree). How far is different depends on how much the cloth's own
+    pixels scatter, up to `tolerance`.
 
     Args:
         state: (h, w) uint8.
@@ -174,9 +180,26 @@ def odd_colours(
     if 2 * bright <= seen:
         return 0
     middle_red, middle_green = _median(red, bright), _median(green, bright)
+    red[:] = 0
+    for y in range(0, h, 2):
+        for x in range(0, w, 2):
+            if state[y, x] != CANDIDATE:
+                continue
+            r = int(rgb[y * factor, x * factor, 0])
+            g = int(rgb[y * factor, x * factor, 1])
+            total = r + g + int(rgb[y * factor, x * factor, 2])
+            if total >= DARK:
+                t = np.float32(total)
+                off_red = abs(np.float32(r) / t - middle_red)
+                off_green = abs(np.float32(g) / t - middle_green)
+                red[min(int(np.float32(BINS) * max(off_red, off_green)), BINS - 1)] += 1
+    own = np.float32(5.0) * _median(red, bright)
+    width = np.float32(tolerance)
+    spread = own if own > LEAST_SPREAD else LEAST_SPREAD
+    if spread < width:
+        width = spread
     # Four counts of slack for the rounding of dark pixels.
     slack = np.float32(4.0)
-    width = np.float32(tolerance)
     odd = np.zeros((h, w), np.bool_)
     many = agree = 0
     for y in range(h):
@@ -289,6 +312,41 @@ def surfaces(
                 label[y, x] = n
                 area[n] += 1
     return label, area
+
+
+@njit(cache=True, nogil=True)
+def apart(
+    label: NDArray[np.int32],
+    area: NDArray[np.int32],
+    z: NDArray[np.float32],
+    main: int,
+    least: int,
+    jump: float,
+) -> NDArray[np.int64]:
+    """(labels, 2): how often each piece is `jump` from `main` in depth, and meets it at all.
+
+    They meet where a pixel of a piece of at least `least` pixels and one of `main` are at most
+    `GAP` apart in a row or a column.
+    """
+    h, w = label.shape
+    count = np.zeros((area.size, 2), np.int64)
+    for y in range(h):
+        for x in range(w):
+            n = label[y, x]
+            if n == 0 or n == main or area[n] < least:
+                continue
+            for k in range(4):
+                for step in range(1, GAP + 1):
+                    j = y + (step if k == 0 else (-step if k == 1 else 0))
+                    i = x + (step if k == 2 else (-step if k == 3 else 0))
+                    if not (0 <= j < h and 0 <= i < w):
+                        break
+                    if label[j, i] == main:
+                        count[n, 1] += 1
+                        if abs(z[j, i] - z[y, x]) > jump:
+                            count[n, 0] += 1
+                        break
+    return count
 
 
 @njit(cache=True, nogil=True)
@@ -409,5 +467,6 @@ def warm() -> Any:
     reduce_pairs(one, 0.1, 1.0, np.zeros((3, 1, 1), np.float32), ends, ends, ends)
     z, state = reduce_pixels(one, 0.1, 1.0, np.zeros((3, 2, 2), np.float32), ends, ends, ends)
     odd_colours(state, np.zeros((2, 2, 3), np.uint8), 1, 0.1)
-    surfaces(z, state, 0.1, CANDIDATE)
+    label, area = surfaces(z, state, 0.1, CANDIDATE)
+    apart(label, area, z, 1, 1, 0.1)
     return sums(*bridge(state > 0, z, 1, 0.1))

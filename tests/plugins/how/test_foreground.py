@@ -271,3 +271,42 @@ def _bridged(mask, depth, z, gap=3, jump=0.02):
                 full[y, between] = True
                 values[y, between] = line
     return full, values
+
+
+def test_a_bar_of_the_cloths_colour_before_the_cloth_is_not_cloth(sheet, find):
+    depth = np.array(sheet.depth)
+    depth[:, 280:310] = 0.21
+
+    mask = find(_with(sheet, depth)).mask
+
+    assert not mask[:, 142:153].any()
+    assert mask[:, :138].any()
+    assert mask[:, 157:].any()
+
+
+def test_meeting_pieces_are_counted():
+    label = np.array([[1, 1, 0, 2, 2, 0, 0, 0, 0, 0, 3]], np.int32)
+    z = np.where(label == 2, 0.3, 0.5).astype(np.float32)
+    area = np.bincount(label.ravel()).astype(np.int32)
+
+    count = kernels.apart(label, area, z, 1, 1, 0.1)
+
+    # Both pixels of piece 2 are within four of piece 1 and 0.2 m before it; piece 3 is too far.
+    assert count.tolist() == [[0, 0], [0, 0], [2, 2], [0, 0]]
+
+
+def test_odd_colours_are_marked_unless_the_cloth_is_of_many():
+    rng = np.random.default_rng(0)
+    rgb = np.full((40, 40, 3), (30, 120, 130), np.uint8)
+    rgb[:10] = (200, 150, 130)
+    state = np.ones((40, 40), np.uint8)
+    many = rng.integers(40, 255, (40, 40, 3)).astype(np.uint8)
+    untouched = state.copy()
+
+    count = kernels.odd_colours(state, rgb, 1, 0.08)
+
+    assert count == 400
+    assert (state[:10] == kernels.ODD).all()
+    assert (state[10:] == kernels.CANDIDATE).all()
+    assert kernels.odd_colours(untouched, many, 1, 0.02) == 0
+    assert (untouched == kernels.CANDIDATE).all()
