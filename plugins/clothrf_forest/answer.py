@@ -29,6 +29,7 @@ class Prepared(NamedTuple):
         nodes: (M,) `trees.NODE`.
         roots: (K,) int32.
         values: (L, D) float32 answers of the leaves.
+        slopes: (L, s, D) float32 along the first s projections; s = 0 or h.
         variance: (L,) float32 spread of the leaves' rows.
         centre: (F,) float32; F counts the anchor's three where they are features.
         scale: (F,) float32.
@@ -46,6 +47,7 @@ class Prepared(NamedTuple):
     nodes: NDArray[np.void]
     roots: NDArray[np.int32]
     values: Float32
+    slopes: Float32
     variance: Float32
     centre: Float32
     scale: Float32
@@ -71,6 +73,7 @@ def prepared(model: Model, task: int) -> Prepared:
         nodes=model.trees.nodes,
         roots=model.trees.roots,
         values=np.ascontiguousarray(model.values[task]),
+        slopes=np.ascontiguousarray(model.slopes[task]),
         variance=np.ascontiguousarray(model.variance[task]),
         centre=model.centre,
         scale=model.scale,
@@ -104,6 +107,8 @@ def answer_in_numpy(values: Float32, anchor: Float, of: Prepared, out: Float) ->
     asked = (along[d : d + h] + of.offset).astype(np.float32)
     leaf = leaves_of(Trees(of.nodes, of.roots, len(of.values)), np.concatenate([x, asked])[None])[0]
     votes = of.values[leaf].astype(np.float64)
+    for i in range(of.slopes.shape[1]):
+        votes += np.float64(asked[i]) * of.slopes[leaf, i]
     mean = votes.mean(0)
     between = (votes * votes).mean() - (mean * mean).mean()
     spread = np.sqrt(max(float(between), 0.0) + of.variance[leaf].mean(dtype=np.float64))

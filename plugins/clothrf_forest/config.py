@@ -42,7 +42,7 @@ class ForestConfig(Section):
 
     The paper's own setting: ``trees = 10``, ``topology = "entropy-labels"``, ``base = "none"``,
     ``leaves = "mean"``, ``target_frame = "world"``, ``min_impurity_decrease = 1e-4``,
-    ``use_anchor = false``, ``bootstrap = "rows"``.
+    ``use_anchor = false``, ``bootstrap = "rows"``,.
     """
 
     trees: int = Field(100, ge=1, description="K, number of trees")
@@ -53,8 +53,13 @@ class ForestConfig(Section):
     base: Literal["none", "ridge"] = Field(
         "ridge", description="a linear model whose residual the trees learn, or none"
     )
-    leaves: Literal["mean", "refined"] = Field(
-        "mean", description="mean action of the leaf, or joint regularised least squares"
+    leaves: Literal["mean", "refined", "linear"] = Field(
+        "linear",
+        description="mean action of the leaf (the paper), joint regularised least squares, or a "
+        "ridge regression in every leaf on the oblique directions (needs them; else the mean)",
+    )
+    leaf_penalty: float = Field(
+        0.05, gt=0.0, description="of linear leaves, in units of the directions' variance"
     )
     target_frame: Literal["anchor", "world"] = Field(
         "anchor", description="targets relative to the anchor of the picture, or absolute"
@@ -72,7 +77,9 @@ class ForestConfig(Section):
     gain_mode: Literal["sklearn_weighted", "node_local"] = Field(
         "sklearn_weighted", description="weigh the gain by the node's share of all rows, or not"
     )
-    min_samples_leaf: int = Field(1, ge=1, description="rows a leaf must hold")
+    min_samples_leaf: int = Field(
+        0, ge=0, description="rows a leaf must hold; 0 = 20 for linear leaves, 1 for the others"
+    )
     max_features: int | Literal["sqrt"] = Field(
         "sqrt", description="features tried at a node; sqrt = rounded root of their number"
     )

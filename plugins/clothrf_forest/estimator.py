@@ -26,10 +26,10 @@ class WrinkleForestRegressor(RegressorMixin, BaseEstimator):  # type: ignore[mis
         trees: number of trees.
         topology: "variance" or "entropy-labels" (the paper).
         base: "ridge" or "none".
-        leaves: "mean" or "refined".
+        leaves: "linear", "mean" or "refined".
         max_depth: levels below the root.
         min_impurity_decrease: what a split must gain.
-        min_samples_leaf: rows a leaf must hold.
+        min_samples_leaf: rows a leaf must hold; 0 = 20 for linear leaves, 1 for the others.
         max_features: columns tried at a node, or "sqrt".
         bandwidth: of mean shift, in standard deviations of the targets.
         threads: of `fit`; 0 = all cores.
@@ -46,10 +46,10 @@ class WrinkleForestRegressor(RegressorMixin, BaseEstimator):  # type: ignore[mis
         trees: int = 100,
         topology: str = "variance",
         base: str = "ridge",
-        leaves: str = "mean",
+        leaves: str = "linear",
         max_depth: int = 20,
         min_impurity_decrease: float = 1e-3,
-        min_samples_leaf: int = 1,
+        min_samples_leaf: int = 0,
         max_features: int | str = "sqrt",
         bandwidth: float = 0.5,
         threads: int = 0,
@@ -108,7 +108,10 @@ class WrinkleForestRegressor(RegressorMixin, BaseEstimator):  # type: ignore[mis
         z = ((rows - model.centre) * model.scale).astype(np.float64)
         asked = (z @ model.projections.axes + model.projections.offset).astype(np.float32)
         leaf = leaves_of(model.trees, np.concatenate([rows, asked], axis=1))
-        found = model.values[0][leaf].astype(np.float64).mean(1)
+        votes = model.values[0][leaf].astype(np.float64)
+        for i in range(model.slopes.shape[2]):
+            votes += asked[:, None, i : i + 1] * model.slopes[0][leaf, i]
+        found = votes.mean(1)
         found += z @ model.coef[0] + model.intercept[0]
         table: Float = found[:, : len(self._unit)] * self._unit + self._mean
         return table[:, 0] if self._flat else table

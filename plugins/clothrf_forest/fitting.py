@@ -17,7 +17,8 @@ from clothrf_forest.confidence import calibrated
 from clothrf_forest.config import ForestConfig
 from clothrf_forest.labels import Labels, label_actions
 from clothrf_forest.leaves import leaf_numbers, mean_leaves, out_of_bag
-from clothrf_forest.model import Model, flat_values
+from clothrf_forest.linear import linear_leaves
+from clothrf_forest.model import Model, flat_slopes, flat_values
 from clothrf_forest.novelty import fit_novelty
 from clothrf_forest.projections import no_projections, offered, principal_axes
 from clothrf_forest.refined import refined_leaves
@@ -90,13 +91,14 @@ def fit_model(
             num_labels=len(labels.centres),
             targets=directed(residual),
         )
+    linear = config.leaves == "linear" and held_out is not None
     by_oob = config.min_impurity_decrease == "oob"
     growth = Growth(
         max_depth=config.max_depth,
         min_gain=LADDER[0] if by_oob else float(config.min_impurity_decrease),
         node_local=config.gain_mode == "node_local",
         max_features=_tried(config, rows.width),
-        min_samples_leaf=config.min_samples_leaf,
+        min_samples_leaf=config.min_samples_leaf or (20 if linear else 1),
         always=shown.width - rows.width,
     )
     tree_seeds = streams[4].integers(2**62, size=config.trees)
@@ -115,7 +117,11 @@ def fit_model(
     theta = np.inf
     if config.leaves == "refined":
         leaves, theta = refined_leaves(leaves, leaf, weights, residual, known.fold)
-    honest = out_of_bag(leaf, weights, leaves, tasks)
+    asked = None
+    if linear and held_out is not None:
+        asked = held_out
+        leaves = linear_leaves(leaves, leaf, weights, residual, asked, config.leaf_penalty)
+    honest = out_of_bag(leaf, weights, leaves, tasks, asked)
     wrong = (residual[honest.rows] - honest.prediction).reshape(len(honest.rows), tasks, 3 * grasps)
     error = np.sqrt((wrong**2).mean(2))
     model = Model(
@@ -125,6 +131,7 @@ def fit_model(
         config=config.stored(),
         trees=trees,
         values=flat_values(leaves.values, tasks),
+        slopes=flat_slopes(leaves.slopes, tasks),
         variance=np.ascontiguousarray(leaves.variance.T),
         centre=known.by.centre,
         scale=known.by.scale,

@@ -20,12 +20,21 @@ class Leaves:
     """Answers of all leaves; those of tree k are numbered before those of k + 1.
 
     Attributes:
-        values: (L, D) float32.
+        values: (L, D) float32; where there are slopes, the answer at projections of 0.
         variance: (L, T) float32 spread of the leaf's rows, mean over a task's coordinates, m^2.
+        slopes: (L, h, D) float32 change of the answer along each projection; h = 0: none.
     """
 
     values: Float32
     variance: Float32
+    slopes: Float32
+
+    def answers(self, leaf: NDArray[np.int32], asked: Float32) -> Float:
+        """(n, D) answers of (n,) leaves to rows with (n, h) projections."""
+        found: Float = self.values[leaf].astype(np.float64)
+        for i in range(self.slopes.shape[1]):
+            found += asked[:, i : i + 1].astype(np.float64) * self.slopes[leaf, i]
+        return found
 
 
 def leaf_numbers(trees: list[Tree]) -> NDArray[np.int32]:
@@ -60,7 +69,8 @@ def mean_leaves(
     mean = total / np.maximum(count, 1.0)[:, None]
     variance = np.maximum(square / np.maximum(count, 1.0)[:, None] - mean**2, 0.0)
     per_task = variance.reshape(num_leaves, tasks, d // tasks).mean(2)
-    return Leaves(mean.astype(np.float32), per_task.astype(np.float32))
+    flat = np.zeros((num_leaves, 0, d), np.float32)
+    return Leaves(mean.astype(np.float32), per_task.astype(np.float32), flat)
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,10 +90,15 @@ class OutOfBag:
 
 
 def out_of_bag(
-    leaf: NDArray[np.int32], weights: NDArray[np.uint8], leaves: Leaves, tasks: int
+    leaf: NDArray[np.int32],
+    weights: NDArray[np.uint8],
+    leaves: Leaves,
+    tasks: int,
+    asked: Float32 | None = None,
 ) -> OutOfBag:
     """`OutOfBag` of all rows that at least 3 trees (or all, if fewer) left out."""
     num_trees, n = leaf.shape
+    asked = np.zeros((n, 0), np.float32) if asked is None else asked
     d = leaves.values.shape[1]
     count = np.zeros(n)
     total = np.zeros((n, d))
@@ -91,7 +106,7 @@ def out_of_bag(
     within = np.zeros((n, tasks))
     for k in range(num_trees):
         out = np.flatnonzero(weights[k] == 0)
-        value = leaves.values[leaf[k, out]].astype(float)
+        value = leaves.answers(leaf[k, out], asked[out])
         count[out] += 1
         total[out] += value
         square[out] += (value**2).reshape(len(out), tasks, d // tasks).mean(2)

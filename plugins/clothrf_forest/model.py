@@ -25,6 +25,7 @@ class Model:
         config: `ForestConfig.stored()` of the fit.
         trees: where the trees send a row.
         values: (T, L, 3 G) float32 answer of every leaf, per task, m.
+        slopes: (T, L, s, 3 G) float32 change of it along each projection; s = 0: none.
         variance: (T, L) float32 spread of the leaf's rows, m^2.
         centre: (F,) float32 mean of the features; F counts the anchor's three where it is used.
         scale: (F,) float32 inverse standard deviation of the features.
@@ -41,6 +42,7 @@ class Model:
     config: Mapping[str, object]
     trees: Trees
     values: Float32
+    slopes: Float32
     variance: Float32
     centre: Float32
     scale: Float32
@@ -58,5 +60,11 @@ class Model:
 
 def flat_values(values: Float32, tasks: int) -> Float32:
     """(T, L, D / T) of (L, D) leaf answers, contiguous: a task reads only its own numbers."""
-    per_task = values.reshape(len(values), tasks, -1).transpose(1, 0, 2)
+    per_task = values.reshape(len(values), tasks, values.shape[-1] // tasks).transpose(1, 0, 2)
     return np.ascontiguousarray(per_task)
+
+
+def flat_slopes(slopes: Float32, tasks: int) -> Float32:
+    """(T, L, s, D / T) of (L, s, D) slopes, contiguous."""
+    n, s, d = slopes.shape
+    return np.ascontiguousarray(slopes.reshape(n, s, tasks, d // tasks).transpose(2, 0, 1, 3))

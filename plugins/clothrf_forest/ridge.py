@@ -230,7 +230,7 @@ def fit_base(values: Rows, targets: Float, known: Survey) -> Base:
         error = sum(squared_error(known.parts[k], m) for k, m in zip(used, models, strict=True))
         if error < best:
             best, strength, chosen = error, candidate, models
-        elif error > 1.02 * best:
+        elif error > 1.002 * best:
             break
     held_out = np.empty_like(targets)
     for rows in chunks(len(values)):

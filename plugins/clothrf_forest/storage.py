@@ -110,6 +110,7 @@ def _arrays_of(model: Model) -> dict[str, NDArray[Any]]:
         "nodes": model.trees.nodes,
         "roots": model.trees.roots,
         "values": model.values,
+        "slopes": model.slopes,
         "variance": model.variance,
         "centre": model.centre,
         "scale": model.scale,
@@ -139,6 +140,7 @@ def _model_of(about: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> Model:
             arrays["nodes"].astype(NODE, copy=False), arrays["roots"], int(about["num_leaves"])
         ),
         values=arrays["values"],
+        slopes=arrays["slopes"],
         variance=arrays["variance"],
         centre=arrays["centre"],
         scale=arrays["scale"],
@@ -166,8 +168,10 @@ def _check(model: Model, folder: Path) -> None:
     t, d = len(model.tasks), 3 * model.num_grasps
     leaves, m = model.trees.num_leaves, len(model.trees.nodes)
     k, h = len(model.novelty.mean), len(model.projections.offset)
+    s = h if model.slopes.ndim == 4 and model.slopes.shape[2] else 0
     wanted: dict[str, tuple[NDArray[Any], tuple[int, ...], type]] = {
         "values": (model.values, (t, leaves, d), np.float32),
+        "slopes": (model.slopes, (t, leaves, s, d), np.float32),
         "variance": (model.variance, (t, leaves), np.float32),
         "centre": (model.centre, (f,), np.float32),
         "scale": (model.scale, (f,), np.float32),

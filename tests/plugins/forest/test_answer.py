@@ -14,6 +14,7 @@ SETTINGS = [
     {"base": "none", "pairs": 40},
     {"target_frame": "world", "use_anchor": False},
     {"topology": "entropy-labels", "oblique": False},
+    {"leaves": "mean"},
 ]
 
 

@@ -15,6 +15,7 @@ SETTINGS = {
     },
     "variance": {"topology": "variance"},
     "pairs": {"pairs": 30},
+    "mean leaves": {"leaves": "mean"},
     "refined": {"leaves": "refined"},
     "stopped out of bag": {"min_impurity_decrease": "oob"},
     "k-means": {"labels": {"method": "k-means", "clusters": 25}},

@@ -2,8 +2,10 @@ from __future__ import annotations
 
 import numpy as np
 from clothrf_forest.leaves import mean_leaves, out_of_bag
+from clothrf_forest.linear import linear_leaves
 from clothrf_forest.refined import answers, refined_leaves, solved
 from clothrf_forest.trees import samples
+from sklearn.linear_model import Ridge
 
 
 def grown(seed: int = 0, n: int = 240, trees: int = 12, leaves: int = 6):
@@ -105,3 +107,32 @@ def test_refined_leaves_help_where_leaves_act_together() -> None:
 
     assert np.isfinite(theta)
     assert error(refined) < 0.8 * error(leaves)
+
+
+def test_a_linear_leaf_is_ridge_regression_on_its_sample_rows() -> None:
+    leaf, num, weights, targets, _ = grown()
+    asked = np.random.default_rng(3).normal(size=(240, 2)).astype(np.float32)
+    targets = targets + asked @ np.random.default_rng(4).normal(size=(2, 6))
+
+    found = linear_leaves(
+        mean_leaves(leaf, num, weights, targets, 2), leaf, weights, targets, asked, 0.1
+    )
+
+    rows = np.flatnonzero((leaf[2] == 14) & (weights[2] > 0))
+    w = weights[2, rows].astype(float)
+    penalty = 0.1 * asked.astype(float).var(axis=0).mean() * w.sum()
+    wanted = Ridge(alpha=penalty).fit(asked[rows], targets[rows], sample_weight=w)
+    label = np.full(240, 14, np.int32)
+    np.testing.assert_allclose(found.answers(label, asked), wanted.predict(asked), atol=1e-4)
+
+
+def test_leaves_no_row_reached_have_no_slope() -> None:
+    leaf, num, weights, targets, _ = grown()
+    asked = np.ones((240, 1), np.float32)
+
+    found = linear_leaves(
+        mean_leaves(leaf, num + 3, weights, targets, 1), leaf, weights, targets, asked, 0.1
+    )
+
+    assert np.isfinite(found.slopes).all()
+    assert not found.slopes[num:].any()
