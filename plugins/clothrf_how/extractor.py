@@ -44,14 +44,14 @@ class Sight:
     Attributes:
         frame: the picture.
         area: the cloth in it.
-        cloud: the cloth's points, metres from the anchor.
+        cloud: the cloth's points, metres from the anchor; None where no group asks for them.
         corners: the cloth's corners; None where no group asks for them.
         anchor: (3,) world metres.
     """
 
     frame: RgbdFrame
     area: Foreground
-    cloud: Cloud
+    cloud: Cloud | None
     corners: Corners | None
     anchor: Float
 
@@ -75,7 +75,12 @@ def channel(group: str, options: FeatureOptions) -> Channel:
         names, of_corners = CORNERS[group]
         return Channel(names(), lambda sight: of_corners(_found(sight)))
     names, of_cloud = SHAPES[group]
-    return Channel(names(), lambda sight: of_cloud(sight.cloud))
+    return Channel(names(), lambda sight: of_cloud(_points(sight)))
+
+
+def _points(sight: Sight) -> Cloud:
+    assert sight.cloud is not None
+    return sight.cloud
 
 
 def _found(sight: Sight) -> Corners:
@@ -116,6 +121,7 @@ class Extractor(FeatureExtractor):
         self._names = tuple(name for group in self._channels for name in group.names)
         self._layout = Layout.of(rig) if rig is not None else None
         self._needs_corners = any(group in CORNERS for group in options.groups)
+        self._needs_cloud = any(group in CORNERS or group in SHAPES for group in options.groups)
         self._view: View | None = None
         foreground_kernels.warm()
 
@@ -138,6 +144,8 @@ class Extractor(FeatureExtractor):
         return Features(values=values, names=self._names, anchor=middle)
 
     def _sight(self, frame: RgbdFrame, area: Foreground, middle: Float) -> Sight:
+        if not self._needs_cloud:
+            return Sight(frame, area, None, None, middle)
         cloud = Cloud.of(area, middle)
         if not self._needs_corners:
             return Sight(frame, area, cloud, None, middle)

@@ -108,7 +108,8 @@ def foreground(
     for piece in _further_pieces(label, area, z, options):
         mask |= label == piece
     mask, depth = kernels.bridge(mask, z, options.fill_gap, options.jump)
-    count, u, v, total = kernels.sums(mask, depth)
+    box = kernels.bounds(mask)
+    count, u, v, total = kernels.sums(mask, depth, box)
     many = max(count, 1)
     return Foreground(
         mask=mask,
@@ -118,7 +119,7 @@ def foreground(
         view=view,
         area=count,
         centre=(u / many, v / many, total / many),
-        box=kernels.bounds(mask),
+        box=box,
         usable=count >= max(16.0, options.min_share * mask.size),
     )
 
