@@ -41,6 +41,8 @@ class Cloths:
             for name in ("springs", "lengths", "limits", "bending", "mass")
         )
         self._numbers = np.stack([w.numbers for w in weaves])
+        self._layers = np.stack([w.layers for w in weaves])
+        self._triangles = weaves[0].mesh.triangles.astype(np.int64)
         self._bands = [self._band()]
 
     def _band(self) -> NDArray[np.float32]:
@@ -87,8 +89,9 @@ class Cloths:
             where = pick if whole else part
             x, v = self.x[where], self.v[where]
             numbers = self._numbers[where] + np.array([0.0, extra_drag, 0.0])
-            sheets = (*(array[where] for array in self._sheets), numbers)
-            goals, topology = targets[where], (self._free, self._ends, self._columns)
+            sheets = (*(array[where] for array in self._sheets), numbers, self._layers[where])
+            goals = targets[where]
+            topology = (self._free, self._ends, self._columns, self._triangles)
             tally = np.zeros((len(part), 2), np.int64)
             columns = self._shape[1]
             advance(x, v, self._pins, goals, sheets, *topology, dt, effort, band, columns, tally)

@@ -21,3 +21,6 @@ class ClothOptions(Section):
     taut: float = Field(
         5.0, ge=0.0, description="extra stiffness beyond the strain limit, times the stretch's"
     )
+    thickness: float = Field(
+        5.0e-3, gt=0.0, description="m; layers are kept this far apart with self-collision"
+    )

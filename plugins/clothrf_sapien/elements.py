@@ -9,6 +9,7 @@ The step from (x_n, v_n) over h minimises the incremental potential (Kane et al.
           + sum taut k / 2 max(l - L_limit, 0)^2     threads pulled straight
           + sum b k / (2 h) (l - l_n)^2              damping of the springs
           + (1 + b / h) x.Kx / 2 - b / h x.K x_n     bending, damped
+          + layers that touch                        see `contact`
 
 Positions are (3, V) float64, one row a coordinate. A spring's Hessian is projected: under
 compression the transverse part is dropped, so the matrix is always positive definite (Choi and Ko
@@ -21,6 +22,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
+
+from clothrf_sapien.contact import press, stiffen
 
 
 class Sheet(NamedTuple):
@@ -60,6 +63,7 @@ class Past(NamedTuple):
         lengths: (4, V) of the springs at x_n, m.
         bent: (3, V) K x_n, N.
         h: the step, s.
+        contacts: `Contacts` between layers of the cloth.
     """
 
     x: Any
@@ -67,6 +71,7 @@ class Past(NamedTuple):
     lengths: Any
     bent: Any
     h: Any
+    contacts: Any
 
 
 # reassoc: sums are made in lanes; the result is the same from run to run.
@@ -205,6 +210,7 @@ def evaluate(x, sheet, past, g, springs, work):  # type: ignore[no-untyped-def]
                 gp[a] -= force[a] * di[a]
             for a in range(n):
                 gq[a] += force[a] * di[a]
+    total += press(x, past.contacts, g)
     for a in sheet.pins:
         g[0, a] = 0.0
         g[1, a] = 0.0
@@ -299,6 +305,7 @@ def blocks(springs, sheet, past, work, out):  # type: ignore[no-untyped-def]
                 add(out[4, entry], p, n, block, 1.0)
                 add(out[4, entry], q, n, block, 1.0)
                 entry += 1
+    stiffen(past.contacts, out[4])
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -15,6 +15,7 @@ import numpy as np
 from numba import njit
 
 from clothrf_sapien.banded import factor, solve
+from clothrf_sapien.contact import MOST, TIGHTER, Contacts, find
 from clothrf_sapien.elements import (
     Past,
     Sheet,
@@ -88,6 +89,9 @@ def descend(x, sheet, past, effort, scratch):  # type: ignore[no-untyped-def]
     """
     A, S, p, g, trial = scratch.A, scratch.S, scratch.p, scratch.g, scratch.trial
     num = x.shape[1]
+    tolerance = effort.tolerance
+    if past.contacts.stiffness > 0.0:
+        tolerance *= TIGHTER
     e = evaluate(x, sheet, past, g, scratch.springs, scratch.work)
     evaluations = 1
     factors = 0
@@ -128,14 +132,14 @@ def descend(x, sheet, past, effort, scratch):  # type: ignore[no-untyped-def]
             break
         x[:] = trial
         e = e_trial
-        if alpha * longest < effort.tolerance:
+        if alpha * longest < tolerance:
             break
     return evaluations, factors
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def advance(  # type: ignore[no-untyped-def]
-    x, v, pins, targets, sheets, free, ends, columns, dt, effort, A, S, tally
+    x, v, pins, targets, sheets, free, ends, columns, triangles, dt, effort, A, S, tally
 ):
     """Step N cloths of equal topology, one after the other, without the interpreter's lock.
 
@@ -145,21 +149,27 @@ def advance(  # type: ignore[no-untyped-def]
         pins: (P,) pinned vertices of each.
         targets: (N, P, 3) where they go, linearly over dt.
         sheets: springs (N, 4, V), lengths (N, 4), limits (N, 4), bending (N, 3, V), mass (N, V),
-            numbers (N, 3) of each cloth's `Weave`.
+            numbers (N, 3) of each cloth's `Weave`, layers (N, 2) stiffness and thickness of its
+            self-contact.
         free: (V,) False where pinned.
         ends: (4, 2) see `Sheet`.
         columns: C.
+        triangles: (M, 3) of the mesh.
         dt: seconds.
         effort: how hard to try.
         A: `band_shape` scratch, flat float32.
         S: floats a column.
         tally: (N, 2) gets the evaluations and factors of each cloth.
     """
-    springs, lengths, limits, bending, mass, numbers = sheets
+    springs, lengths, limits, bending, mass, numbers, layers = sheets
     count, num = x.shape[0], x.shape[1]
     h = dt / effort.substeps
     here = np.empty((3, num))
-    past = Past(np.empty((3, num)), np.empty((3, num)), np.empty((4, num)), np.empty((3, num)), h)
+    x_n, y, l_n = np.empty((3, num)), np.empty((3, num)), np.empty((4, num))
+    bent_n = np.empty((3, num))
+    most = MOST * num if layers[:, 0].max() > 0.0 else 0
+    pairs, weights = np.empty((most, 4), np.int64), np.empty((most, 4))
+    normals, depth, used = np.empty((most, 3)), np.empty(most), np.zeros(1, np.int64)
     scratch = Scratch(
         A,
         S,
@@ -177,6 +187,8 @@ def advance(  # type: ignore[no-untyped-def]
             springs[c], lengths[c], limits[c], bending[c], mass[c], numbers[c], pins, free,
             columns, ends,
         )  # fmt: skip
+        touching = Contacts(pairs, weights, normals, depth, used, layers[c, 0], layers[c, 1])
+        past = Past(x_n, y, l_n, bent_n, h, touching)
         constant_part(sheet, h, scratch.constant)
         xc, vc = x[c], v[c]
         for p in range(len(pins)):
@@ -197,6 +209,7 @@ def advance(  # type: ignore[no-untyped-def]
                     if s < effort.substeps - 1:
                         goal = begin[p, i] + t * (goal - begin[p, i])
                     here[i, pins[p]] = goal
+            find(past.x, here, triangles, columns, touching)
             evaluations, factors = descend(here, sheet, past, effort, scratch)
             tally[c, 0] += evaluations
             tally[c, 1] += factors

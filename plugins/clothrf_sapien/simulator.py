@@ -21,6 +21,8 @@ REACH = 1e-3
 SETTLE_STEP = 1.0 / 30.0
 SETTLE_DRAG = 10.0
 JITTER = 1e-5
+UNFOLDING = ((5e-4, 2000.0), (2e-3, 500.0), (5e-3, 100.0))
+"""Steps, s, and drags, 1/s, that a cloth with self-collision begins to settle with."""
 FIRST = [0, 0, 0, 1, 1, 2]
 SECOND = [1, 2, 3, 2, 3, 3]
 """The six pairs of corners: hand 0, hand 1, grasp 0, grasp 1."""
@@ -55,7 +57,10 @@ class ClothBatch:
                 f"{sorted(resolutions)}; use one batch for each"
             )
         o = self._options
-        weaves = [weave(p, strain_limit=o.strain_limit, taut=o.taut) for p in params]
+        weaves = [
+            weave(p, strain_limit=o.strain_limit, taut=o.taut, thickness=o.thickness)
+            for p in params
+        ]
         corners = np.stack([np.concatenate([p.hands, p.grasp]) for p in params])
         vertices = np.stack(
             [_start(w, c, rng) for w, c, rng in zip(weaves, corners, rngs, strict=True)]
@@ -118,6 +123,20 @@ class ClothBatch:
         cloths = self._ready()
         o = self._options
         longest = max(seconds)
+        layered = [k for k, w in enumerate(self._weaves) if w.layers[0] > 0.0]
+        for step_s, drag in UNFOLDING if layered else ():
+            # The first shape is only roughly as long as its threads: let it relax so slowly that
+            # no layer passes through another between two looks.
+            for _ in range(20):
+                cloths.advance(
+                    corners,
+                    step_s,
+                    substeps=1,
+                    iterations=o.iterations,
+                    tolerance=o.tolerance,
+                    extra_drag=drag,
+                    only=layered,
+                )
         for i in range(int(np.ceil(longest / SETTLE_STEP - 1e-9))):
             part = [k for k, s in enumerate(seconds) if s > i * SETTLE_STEP + 1e-9]
             cloths.advance(

@@ -27,6 +27,8 @@ from clothrf_core.params import Fabric, SimulationParams
 from clothrf_core.types import ClothMesh, Float
 
 GRAVITY = 9.81
+CONTACT = 1.0
+"""Stiffness of self-contact, times the stretch stiffness."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -44,6 +46,7 @@ class Weave:
             1, and ``|x_a - x_{a+1} - x_{a+C} + x_{a+C+1}|^2 / 2``.
         mass: (V,) kg.
         numbers: (3,) damping time s, drag 1/s, taut stiffness over stretch stiffness.
+        layers: (2,) stiffness, N/m, and thickness, m, of self-contact; stiffness 0 = none.
         mesh: topology for the outside.
     """
 
@@ -55,10 +58,13 @@ class Weave:
     bending: Float
     mass: Float
     numbers: Float
+    layers: Float
     mesh: ClothMesh
 
 
-def weave(params: SimulationParams, *, strain_limit: float, taut: float) -> Weave:
+def weave(
+    params: SimulationParams, *, strain_limit: float, taut: float, thickness: float = 0.0
+) -> Weave:
     """The numbers of a cloth.
 
     Raises:
@@ -108,6 +114,7 @@ def weave(params: SimulationParams, *, strain_limit: float, taut: float) -> Weav
         bending=bending.reshape(3, -1),
         mass=mass.reshape(-1),
         numbers=np.array([fabric.damping, fabric.drag, taut]),
+        layers=np.array([CONTACT * fabric.stretch_warp * params.self_collision, thickness]),
         mesh=grid_mesh(params.size, params.resolution),
     )
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from clothrf_sapien.cloth import Cloths
+from clothrf_sapien.contact import Contacts
 from clothrf_sapien.elements import Past, Sheet
 from clothrf_sapien.weave import Weave, neighbours, weave
 
@@ -57,7 +58,7 @@ def past(w: Weave, rng: np.random.Generator, *, h: float = 1 / 30) -> Past:
     x = crumpled(w, rng)
     y = x + rng.normal(scale=1e-3, size=x.shape)
     rows = [np.ascontiguousarray(p.T) for p in (x, y, bending_matrix(w) @ x)]
-    return Past(rows[0], rows[1], spring_lengths(w, x), rows[2], h)
+    return Past(rows[0], rows[1], spring_lengths(w, x), rows[2], h, contacts())
 
 
 def spring_ends(w: Weave) -> list[tuple[int, np.ndarray, np.ndarray]]:
@@ -164,3 +165,16 @@ def total_energy(w: Weave, cloths: Cloths) -> float:
         over = np.maximum(size - w.limits[f], 0.0)
         total += float(np.sum(k / 2 * ((size - w.lengths[f]) ** 2 + w.numbers[2] * over**2)))
     return total
+
+
+def contacts(most: int = 0, *, stiffness: float = 0.0, thickness: float = 0.0) -> Contacts:
+    """Room for `most` pairs, none in use."""
+    return Contacts(
+        np.zeros((most, 4), np.int64),
+        np.zeros((most, 4)),
+        np.zeros((most, 3)),
+        np.zeros(most),
+        np.zeros(1, np.int64),
+        stiffness,
+        thickness,
+    )
