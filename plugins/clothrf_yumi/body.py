@@ -162,11 +162,9 @@ class Body:
     def clearance(self) -> tuple[float, str]:
         """The least distance of all pairs, metres, and the pair's name."""
         self._place()
-        bounds = self._bound.copy()
-        best, nearest = np.inf, 0
-        for k in np.argsort(bounds).tolist():
-            if bounds[k] >= best:
-                break
+        nearest = int(self._bound.argmin())
+        best = float(self._measure(nearest).min_distance)
+        for k in np.flatnonzero(self._bound < best).tolist():
             distance = float(self._measure(k).min_distance)
             if distance < best:
                 best, nearest = distance, k

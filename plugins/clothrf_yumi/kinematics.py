@@ -43,6 +43,7 @@ class Kinematics:
         for body in range(1, self.model.njoints):
             columns = [self.model.idx_vs[j] for j in self.model.supports[body] if j > 0]
             self.moves[body, columns] = 1.0
+        self._key = b""
         self.q = np.zeros(self.model.nq)
         self.J = np.zeros((6, self.model.nv))
         self.points = np.zeros((2, 3))
@@ -55,8 +56,12 @@ class Kinematics:
         return int(self.model.addFrame(frame))
 
     def update(self, q: Float) -> None:
-        """Bring positions and the Jacobian to (14,) `q`."""
-        self.q = q
+        """Bring positions and the Jacobian to (14,) `q`; nothing is done if they are there."""
+        key = q.tobytes()
+        if key == self._key:
+            return
+        self._key = key
+        self.q = q.copy()
         self.J = pin.computeJointJacobians(self.model, self.data, q)
         self._place()
 
