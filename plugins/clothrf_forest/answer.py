@@ -40,7 +40,7 @@ class Prepared(NamedTuple):
         precision: (k,) float64.
         rest: inverse variance in all other directions.
         limits: (2,) float64 novelty from which confidence falls, and at which it is 0.
-        calibration: (3, B) float64 spread, share of small errors, expected error.
+        calibration: (3, B) float64 doubt, share of small errors, expected error.
         anchored: targets are relative to the anchor.
     """
 
@@ -84,7 +84,7 @@ def prepared(model: Model, task: int) -> Prepared:
         precision=model.novelty.precision,
         rest=model.novelty.rest,
         limits=model.novelty.limits,
-        calibration=np.stack([known.spread[task], known.share[task], known.error[task]]),
+        calibration=np.stack([known.doubt[task], known.share[task], known.error[task]]),
         anchored=model.anchored,
     )
 
@@ -126,8 +126,9 @@ def answer_in_numpy(values: Float32, anchor: Float, of: Prepared, out: Float) ->
     knots, share, error = of.calibration
     sound = np.isfinite(targets).all() and np.isfinite(novelty)
     out[SPREAD], out[NOVELTY] = spread, novelty
-    out[CONFIDENCE] = familiar * np.interp(spread, knots, share) if sound else 0.0
-    out[ERROR] = np.interp(spread, knots, error) if sound else np.inf
+    doubt = spread * np.sqrt(max(float(novelty), 0.0))
+    out[CONFIDENCE] = familiar * np.interp(doubt, knots, share) if sound else 0.0
+    out[ERROR] = np.interp(doubt, knots, error) if sound else np.inf
 
 
 def fastest() -> Answer:

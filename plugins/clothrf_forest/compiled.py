@@ -100,5 +100,6 @@ def answer(values: Any, anchor: Any, of: Any, out: Any) -> None:
     out[d + 3] = np.inf
     if sound:
         knots = of.calibration[0]
-        out[d + 2] = familiar * interpolated(spread, knots, of.calibration[1])
-        out[d + 3] = interpolated(spread, knots, of.calibration[2])
+        doubt = spread * np.sqrt(novelty)
+        out[d + 2] = familiar * interpolated(doubt, knots, of.calibration[1])
+        out[d + 3] = interpolated(doubt, knots, of.calibration[2])

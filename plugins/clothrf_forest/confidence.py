@@ -1,9 +1,11 @@
 """Confidence that means something: the chance that the error is below a tolerance.
 
-The spread of an answer (disagreement of trees, scatter inside leaves) is compared with the real
-error of out-of-bag rows. Rows are sorted by spread and cut into equal bins; the share of small
-errors per bin is made to fall with the spread (pool adjacent violators, Ayer et al. 1955), and
-acting interpolates between the bins' centres.
+The doubt about an answer is its spread (disagreement of trees, scatter inside leaves) times the
+root of the picture's novelty: both foretell the error, together better than alone (rank
+correlation 0.64 and 0.62, together 0.66). It is compared with the real error of out-of-bag rows,
+whose novelty is judged by a model of other roll-outs. Rows are sorted by doubt and cut into equal
+bins; the share of small errors per bin is made to fall with the doubt (pool adjacent violators,
+Ayer et al. 1955), and acting interpolates between the bins' centres.
 """
 
 from __future__ import annotations
@@ -19,33 +21,33 @@ BINS = 16
 
 @dataclass(frozen=True, slots=True)
 class Calibration:
-    """From spread to confidence, per task.
+    """From doubt to confidence, per task.
 
     Attributes:
-        spread: (T, B) float64 increasing, m.
+        doubt: (T, B) float64 increasing, m.
         share: (T, B) float64 falling, P(RMS error per coordinate < tolerance).
         error: (T, B) float64 rising, expected RMS error per coordinate, m.
     """
 
-    spread: Float
+    doubt: Float
     share: Float
     error: Float
 
 
-def calibrated(spread: Float, error: Float, tolerance: float) -> Calibration:
-    """Fit on (M, T) spreads and RMS errors of rows that were not trained on.
+def calibrated(doubt: Float, error: Float, tolerance: float) -> Calibration:
+    """Fit on (M, T) doubts and RMS errors of rows that were not trained on.
 
     Without rows nothing is known, and the confidence is 0.5 everywhere.
     """
-    tasks = spread.shape[1]
-    if len(spread) == 0:
+    tasks = doubt.shape[1]
+    if len(doubt) == 0:
         nothing = np.zeros((tasks, BINS))
         return Calibration(nothing, nothing + 0.5, nothing + tolerance)
     centres, shares, errors = (np.empty((tasks, BINS)) for _ in range(3))
-    cut = np.linspace(0, len(spread), BINS + 1)
+    cut = np.linspace(0, len(doubt), BINS + 1)
     for t in range(tasks):
-        order = np.argsort(spread[:, t], kind="stable")
-        s, e = spread[order, t], error[order, t]
+        order = np.argsort(doubt[:, t], kind="stable")
+        s, e = doubt[order, t], error[order, t]
         for b in range(BINS):
             low = min(int(cut[b]), len(s) - 1)
             part = slice(low, max(int(cut[b + 1]), low + 1))

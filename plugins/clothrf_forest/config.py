@@ -31,7 +31,7 @@ class ConfidenceConfig(Section):
         0.02, gt=0.0, description="confidence = P(RMS error per coordinate < this), m"
     )
     novelty: bool = Field(True, description="confidence falls to 0 on pictures unlike all trained")
-    components: int = Field(24, ge=1, le=256, description="principal directions of the novelty")
+    components: int = Field(48, ge=1, le=256, description="principal directions of the novelty")
     quantile: float = Field(
         0.995, gt=0.5, lt=1.0, description="share of held-out rows that must not look novel"
     )
@@ -70,7 +70,7 @@ class ForestConfig(Section):
     )
     max_depth: int = Field(20, ge=1, le=64, description="levels below the root")
     min_impurity_decrease: float | Literal["oob"] = Field(
-        1e-3,
+        2e-3,
         description="a split must gain this much (bits, or share of the variance); "
         "oob = the value of a ladder with the least out-of-bag error",
     )

@@ -48,7 +48,7 @@ class WrinkleForestRegressor(RegressorMixin, BaseEstimator):  # type: ignore[mis
         base: str = "ridge",
         leaves: str = "linear",
         max_depth: int = 20,
-        min_impurity_decrease: float = 1e-3,
+        min_impurity_decrease: float = 2e-3,
         min_samples_leaf: int = 0,
         max_features: int | str = "sqrt",
         bandwidth: float = 0.5,

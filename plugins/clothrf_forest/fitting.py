@@ -68,7 +68,7 @@ def fit_model(
             base = fit_base(rows, targets, known)
         else:
             base = no_base(targets, rows.width)
-        novelty = fit_novelty(
+        novelty, scores = fit_novelty(
             rows,
             known,
             components=config.confidence.components,
@@ -124,6 +124,7 @@ def fit_model(
     honest = out_of_bag(leaf, weights, leaves, tasks, asked)
     wrong = (residual[honest.rows] - honest.prediction).reshape(len(honest.rows), tasks, 3 * grasps)
     error = np.sqrt((wrong**2).mean(2))
+    strange = np.sqrt(scores[honest.rows])[:, None]
     model = Model(
         names=view.names,
         tasks=view.tasks,
@@ -139,7 +140,9 @@ def fit_model(
         intercept=base.linear.intercept.reshape(tasks, -1).copy(),
         projections=projections,
         novelty=novelty if config.confidence.novelty else replace(novelty, limits=NEVER),
-        calibration=calibrated(honest.spread, error, config.confidence.tolerance),
+        calibration=calibrated(
+            honest.spread * strange[:, None], error, config.confidence.tolerance
+        ),
     )
     metrics = {
         "leaves": float(trees.num_leaves),

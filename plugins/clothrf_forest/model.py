@@ -33,7 +33,7 @@ class Model:
         intercept: (T, 3 G) float64, m.
         projections: linear columns that the trees may ask for behind all features.
         novelty: what a picture like the trained ones looks like.
-        calibration: from spread to the chance of a small error.
+        calibration: from doubt to the chance of a small error.
     """
 
     names: tuple[str, ...]

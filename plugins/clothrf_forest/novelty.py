@@ -62,12 +62,18 @@ def principal(of: Moments, components: int) -> Novelty:
     )
 
 
-def fit_novelty(values: Rows, known: Survey, *, components: int, quantile: float) -> Novelty:
-    """Fit on all rows; limits from each half of the folds judged by the other half's model."""
+def fit_novelty(
+    values: Rows, known: Survey, *, components: int, quantile: float
+) -> tuple[Novelty, Float]:
+    """Fit on all rows; and the (N,) scores of the rows.
+
+    Each half of the folds is judged by the other half's model, and the limits come from there. Too
+    few rows for that: the scores are the model's own, and there is no limit.
+    """
     model = principal(known.whole(), components)
     halves = [added(known.parts[0::2]), added(known.parts[1::2])]
     if min(half.n for half in halves) < 2 * components:
-        return model
+        return model, model.scores(known.by.of(values[:]))
     models = [principal(half, components) for half in halves]
     scores = np.empty(len(values))
     for rows in chunks(len(values)):
@@ -77,4 +83,5 @@ def fit_novelty(values: Rows, known: Survey, *, components: int, quantile: float
         part[odd], part[~odd] = models[0].scores(x[odd]), models[1].scores(x[~odd])
     first = float(np.quantile(scores, quantile))
     middle = float(np.median(scores))
-    return replace(model, limits=np.array([first, first + max(first - middle, 1e-3)]))
+    limits = np.array([first, first + max(first - middle, 1e-3)])
+    return replace(model, limits=limits), scores

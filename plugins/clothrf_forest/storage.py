@@ -123,7 +123,7 @@ def _arrays_of(model: Model) -> dict[str, NDArray[Any]]:
         "novelty_precision": model.novelty.precision,
         "novelty_rest": np.array(model.novelty.rest),
         "novelty_limits": model.novelty.limits,
-        "calibration_spread": model.calibration.spread,
+        "calibration_doubt": model.calibration.doubt,
         "calibration_share": model.calibration.share,
         "calibration_error": model.calibration.error,
     }
@@ -155,7 +155,7 @@ def _model_of(about: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> Model:
             limits=arrays["novelty_limits"],
         ),
         calibration=Calibration(
-            spread=arrays["calibration_spread"],
+            doubt=arrays["calibration_doubt"],
             share=arrays["calibration_share"],
             error=arrays["calibration_error"],
         ),
@@ -181,7 +181,7 @@ def _check(model: Model, folder: Path) -> None:
         "novelty_axes": (model.novelty.axes, (f, k), np.float32),
         "novelty_precision": (model.novelty.precision, (k,), np.float64),
         "novelty_limits": (model.novelty.limits, (2,), np.float64),
-        "calibration_spread": (model.calibration.spread, (t, BINS), np.float64),
+        "calibration_doubt": (model.calibration.doubt, (t, BINS), np.float64),
         "calibration_share": (model.calibration.share, (t, BINS), np.float64),
         "calibration_error": (model.calibration.error, (t, BINS), np.float64),
     }

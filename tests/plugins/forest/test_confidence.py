@@ -29,19 +29,19 @@ def test_the_share_of_small_errors_is_what_was_seen() -> None:
 
     from scipy.stats import norm
 
-    wanted = 2.0 * norm.cdf(0.02 / found.spread[0]) - 1.0
+    wanted = 2.0 * norm.cdf(0.02 / found.doubt[0]) - 1.0
     np.testing.assert_allclose(found.share[0], wanted, atol=0.04)
-    np.testing.assert_allclose(found.error[0], found.spread[0] * np.sqrt(2 / np.pi), rtol=0.1)
+    np.testing.assert_allclose(found.error[0], found.doubt[0] * np.sqrt(2 / np.pi), rtol=0.1)
 
 
-def test_confidence_falls_and_the_expected_error_rises_with_the_spread() -> None:
+def test_confidence_falls_and_the_expected_error_rises_with_the_doubt() -> None:
     rng = np.random.default_rng(1)
 
     found = calibrated(rng.random((300, 2)), rng.random((300, 2)), 0.5)
 
     assert (np.diff(found.share, axis=1) <= 0).all()
     assert (np.diff(found.error, axis=1) >= 0).all()
-    assert (np.diff(found.spread, axis=1) >= 0).all()
+    assert (np.diff(found.doubt, axis=1) >= 0).all()
 
 
 def test_no_bin_is_ever_certain() -> None:
