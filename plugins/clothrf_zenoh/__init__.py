@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 def _robot(config: YumiZenohConfig, context: BuildContext) -> Robot:
     from clothrf_zenoh.robot import StreamedYumi
 
-    return StreamedYumi(config, folder=context.folder)
+    return StreamedYumi(config, folder=context.folder, rig=context.rig)
 
 
 @hookimpl

@@ -3,7 +3,7 @@
 Each 4 ms, `Bridge.tick` gives one posture, and there is no other way to the robot:
 
     command ── check_sender ── check_command ──> newest command
-    newest command ── heading ── limiter (speed, acceleration, jerk) ──> candidate
+    newest command ── pursuit ── limiter (speed, acceleration, jerk) ──> candidate
     candidate ── check_motion ── check_grippers ── check_clearance ──> output
 
 A command that fails is refused, counted and, if it came from the armed client, stops the arms along
@@ -62,10 +62,19 @@ class Tally:
 
 @dataclass(slots=True)
 class _Newest:
-    """The newest accepted command of the present grant."""
+    """The newest accepted command of the present grant, and how it is pursued.
+
+    Attributes:
+        q: (J,) commanded posture, rad.
+        ahead: (J,) from there to where the client's own motion would end, rad.
+        reach: (J,) how far the pursuit may go in one tick, rad.
+        stamp_ns: the client's wall clock.
+        mono_ns: when it was accepted.
+    """
 
     q: Float
-    target: Float
+    ahead: Float
+    reach: Float
     stamp_ns: int
     mono_ns: int
 
@@ -99,6 +108,8 @@ class Bridge:
         self._codec = JointTrajectoryCodec(arm.joint_names)
         self._watchdog_ns = int(1e9 * watchdog_s)
         self._max_gap_ns = int(1e9 * max_gap_s)
+        # After three silent ticks the pursuit begins anew, from where the arms are.
+        self._pause_ns = int(3e9 * bounds.dt)
         self._epoch = first_epoch
         self._sequence = 0
         self._last_gid = b""
@@ -108,6 +119,7 @@ class Bridge:
         self._limiter: JointLimiter | None = None
         self._output: tuple[Float, Float] | None = None
         self._points = np.zeros((2, 3))
+        self._pursued = np.zeros(len(bounds.names))
         self._measured: Float | None = None
         self._last_tick_ns: int | None = None
         self._since_look = 0
@@ -151,10 +163,10 @@ class Bridge:
             self.tally.lost += sender.sequence - self._sequence - 1
         self._sequence = sender.sequence
         self.tally.accepted += 1
-        # Following the point where the client's own motion would end, not the one where it is,
-        # takes away the lag that a second limiter behind the client's would add.
-        target = checks.heading(q, command.velocities, self.bounds)
-        self._newest = _Newest(q, target, sender.stamp_ns, now.mono_ns)
+        ahead, reach = checks.pursuit(command.velocities, self.bounds)
+        if newest is None or now.mono_ns - newest.mono_ns > self._pause_ns:
+            self._pursued = present
+        self._newest = _Newest(q, ahead, reach, sender.stamp_ns, now.mono_ns)
         self._go(Event.COMMAND)
         return None
 
@@ -313,7 +325,14 @@ class Bridge:
         assert self._output is not None
         newest = self._newest
         if self.state is State.RUNNING and newest is not None:
-            q, qd, qdd = limiter.tick(newest.target)
+            way = newest.q - self._pursued
+            step = np.minimum(np.maximum(way, -newest.reach), newest.reach)
+            self._pursued = self._pursued + step
+            lead = newest.ahead
+            left = np.abs(way - step)
+            if left.any():  # catching up: look less far ahead the more there is to catch up with
+                lead = lead * np.maximum(1.0 - left / (12.0 * newest.reach), 0.0)
+            q, qd, qdd = limiter.tick(self._pursued + lead)
         else:
             q, qd, qdd = limiter.stop()
         bounds = self.bounds

@@ -17,6 +17,10 @@ from clothrf_core.types import Float
 from clothrf_zenoh.attachment import Attachment
 from clothrf_zenoh.messages import JointTrajectory, epoch_frame
 
+# Pursuit of a client: times its own speed, but at least so many rad/s.
+CATCH_UP = 1.2
+CREEP = 0.1
+
 
 class Reason(StrEnum):
     """Why something was refused; the names under which the bridge counts and publishes."""
@@ -134,7 +138,7 @@ class Bounds:
         following: greatest distance between sent and measured posture, rad.
         command_limit: low and high of (q, qd), (2 J,).
         motion_limit: low and high of (q, qd, step, qdd, speed step), (5 J,).
-        cruising: a^2/j, 1/(2 a), a/(2 j), 1/j with a = cruise, for `heading`.
+        cruising: a^2/j, 1/(2 a), a/(2 j), 1/j with a = cruise, for `pursuit`.
         stopping: the same with a = acceleration, for `stopping_point`.
     """
 
@@ -311,20 +315,26 @@ def check_following(measured: Float, sent: Float, bounds: Bounds) -> Refusal | N
     return below("measured - sent", error, reach, bounds.names, Reason.FOLLOWING)
 
 
-def heading(q: Float, qd: Float, bounds: Bounds) -> Float:
-    """(J,) where a client at (q, qd) would come to rest by itself: what to head for.
+def pursuit(qd: Float, bounds: Bounds) -> tuple[Float, Float]:
+    """How a client that moves with `qd` is pursued: (ahead, reach), each (J,), rad.
 
-    Symmetric S-curve from speed v: T = v/a + a/j when v > a^2/j, else 2 sqrt(v/j); distance v T/2.
+    ``ahead`` leads from where the client is to where it would come to rest by itself; heading for
+    that point takes away the lag that a second limiter behind the client's own would add. Symmetric
+    S-curve from speed v: T = v/a + a/j when v > a^2/j, else 2 sqrt(v/j); distance v T/2.
+
+    ``reach`` is how far the pursuit goes in one tick: a little faster than the client, so that
+    messages that were late are caught up with gently and not with all the speed the joints have.
     """
     knee, per_a, rise, per_j = bounds.cruising
     v = np.abs(qd)
-    return q + qd * np.where(v > knee, v * per_a + rise, np.sqrt(v * per_j))
+    ahead = qd * np.where(v > knee, v * per_a + rise, np.sqrt(v * per_j))
+    return ahead, np.maximum((CATCH_UP * bounds.dt) * v, CREEP * bounds.dt)
 
 
 def stopping_point(q: Float, qd: Float, qdd: Float, bounds: Bounds) -> Float:
     """(J,) where each joint comes to rest if it stops as fast as it may.
 
-    As `heading`, but a joint still gaining speed first takes |qdd|/j to let go of its acceleration.
+    As in `pursuit`, but a joint still gaining speed first takes |qdd|/j to let go of it.
     """
     knee, per_a, rise, per_j = bounds.stopping
     release = np.maximum(np.sign(qd) * qdd, 0.0) * per_j

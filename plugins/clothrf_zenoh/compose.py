@@ -9,12 +9,12 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from clothrf_core.config import read_toml
+from clothrf_core.config import read_rig, read_toml
 from clothrf_core.errors import ClothrfError, ConfigError, suggestion
 from clothrf_core.interfaces import ArmModel, BridgeEnd
 from clothrf_core.provider import BuildContext
 from clothrf_core.registry import Registry
-from clothrf_core.rig import Section
+from clothrf_core.rig import Rig, Section
 from clothrf_zenoh.checks import Bounds
 from clothrf_zenoh.config import BridgeConfig, LimitsSection
 
@@ -28,12 +28,14 @@ class BridgeFile:
         arm: plugin name and checked options of the arm model.
         end: plugin name and checked options of the end.
         folder: where relative paths start.
+        rig: of the arms' surroundings; None = the arm model's own.
     """
 
     config: BridgeConfig
     arm: tuple[str, Section]
     end: tuple[str, Section]
     folder: Path
+    rig: Rig | None = None
 
 
 def load_bridge(path: Path, registry: Registry) -> BridgeFile:
@@ -63,10 +65,16 @@ def resolve_bridge(
                 chosen.append(choose(kind, section, options, registry))
             except ClothrfError as error:
                 problems.append(str(error))
+    rig = None
+    if config is not None and config.rig is not None:
+        try:
+            rig = read_rig(folder / config.rig)
+        except ClothrfError as error:
+            problems.append(f"rig: {error}")
     if problems or config is None or len(chosen) != 2:
         count = f"{len(problems)} problem{'s' if len(problems) != 1 else ''}"
         raise ConfigError(f"{source}: {count}\n" + "\n".join(f"  {p}" for p in problems))
-    return BridgeFile(config, chosen[0], chosen[1], folder)
+    return BridgeFile(config, chosen[0], chosen[1], folder, rig)
 
 
 def choose(
@@ -114,14 +122,14 @@ def describe(error: ValidationError, model: type[Section], prefix: str = "") -> 
 
 def build_arm(file: BridgeFile, registry: Registry) -> ArmModel:
     """The kinematic model."""
-    context = BuildContext(folder=file.folder, registry=registry)
+    context = BuildContext(rig=file.rig, folder=file.folder, registry=registry)
     arm: ArmModel = registry.build("arm", file.arm[0], file.arm[1], context)
     return arm
 
 
 def build_end(file: BridgeFile, registry: Registry) -> BridgeEnd:
     """Where the stream ends; nothing is opened yet."""
-    context = BuildContext(folder=file.folder, registry=registry)
+    context = BuildContext(rig=file.rig, folder=file.folder, registry=registry)
     end: BridgeEnd = registry.build("bridge_end", file.end[0], file.end[1], context)
     return end
 

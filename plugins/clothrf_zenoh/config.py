@@ -99,6 +99,7 @@ class BridgeConfig(Section):
     diagnostics_rate_hz: float = Field(2.0, gt=0.0, description="health published a second")
     realtime_priority: int = Field(20, ge=0, le=50, description="SCHED_FIFO if permitted; 0: off")
     cpu: int | None = Field(None, ge=0, description="core to run on; none: any")
+    rig: Path | None = Field(None, description="rig file: where table and grasped corners are")
     arm: dict[str, Any] = Field(description='arm model: plugin = "yumi" and its options')
     end: dict[str, Any] = Field(description='where the stream ends: plugin = "sim" or "egm"')
     zenoh: ZenohSection

@@ -16,6 +16,7 @@ from typing_extensions import override
 
 from clothrf_core.interfaces import Robot
 from clothrf_core.registry import Registry
+from clothrf_core.rig import Rig
 from clothrf_core.types import GraspState, RobotCommand
 from clothrf_zenoh.config import YumiZenohConfig
 from clothrf_zenoh.faults import BridgeRefused, BridgeUnreachable
@@ -35,6 +36,7 @@ class StreamedYumi(Robot):
     Args:
         config: the robot section.
         folder: where relative paths start.
+        rig: the experiment's, for the arm model.
         registry: gives the registry in the spawned process; a module-level function.
     """
 
@@ -43,10 +45,16 @@ class StreamedYumi(Robot):
         config: YumiZenohConfig,
         *,
         folder: Path,
+        rig: Rig | None = None,
         registry: Callable[[], Registry] = Registry.installed,
     ) -> None:
         self._config = config
-        self._setup = StreamSetup(config.model_dump_json(), str(folder.resolve()), registry)
+        self._setup = StreamSetup(
+            config.model_dump_json(),
+            str(folder.resolve()),
+            "" if rig is None else rig.model_dump_json(),
+            registry,
+        )
         self._process: BaseProcess | None = None
         self._wish = Wish()
         self._wishes: Mailbox

