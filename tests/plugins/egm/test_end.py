@@ -21,8 +21,8 @@ from clothrf_core.testing.arm_model import check_bridge_end
 START = np.linspace(-0.3, 0.3, 14)
 ZERO = np.zeros(14)
 # Generous times: the machine may be busy with other things.
-CONFIG = EgmConfig(left_port=0, right_port=0, timeout=0.5, silence=0.5)
-MODEL = ControllerModel(comm_timeout=1.0, restart=0.1)
+CONFIG = EgmConfig(left_port=0, right_port=0, timeout=3.0, silence=0.5)
+MODEL = ControllerModel(comm_timeout=5.0, restart=0.1)
 
 
 def until(condition: Callable[[], bool], seconds: float = 20.0) -> None:
@@ -148,7 +148,7 @@ def test_when_the_bridge_dies_the_controller_times_out_and_begins_anew():
         connected(first)
     try:
         until(lambda: sim.counters()["left_timeouts"] > 0)
-        again = EgmConfig(left_port=ports[0], right_port=ports[1], timeout=0.5)
+        again = EgmConfig(left_port=ports[0], right_port=ports[1], timeout=3.0)
         with EgmEnd(again) as second:
             np.testing.assert_allclose(connected(second), START, atol=1e-9)
     finally:
