@@ -67,7 +67,7 @@ def mean_shift(points: Float, bandwidth: float, *, min_points: int = 1) -> Float
 
     Modes nearer than `bandwidth` to one with more points are dropped (Comaniciu and Meer 2002, as
     scikit-learn's ``MeanShift(bin_seeding=True)`` does), and so are clusters of fewer than
-    `min_points`: their points belong to the nearest mode that is left.
+    `min_points`: their points belong to the nearest mode that is left, if there is any.
     """
     # One seed a bin, and a point of it: with 18 coordinates a bin's centre may have no neighbour.
     _, seeds = np.unique(np.round(points / bandwidth), axis=0, return_index=True)
@@ -92,7 +92,7 @@ def mean_shift(points: Float, bandwidth: float, *, min_points: int = 1) -> Float
             free &= ((modes - modes[i]) ** 2).sum(1) > bandwidth**2
     modes = modes[kept]
     sizes = np.bincount(nearest(points, modes), minlength=len(modes))
-    return modes[sizes >= min(min_points, int(sizes.max()))]
+    return modes[sizes >= min_points]
 
 
 def _shifted(modes: Float, points: Float, bandwidth: float) -> tuple[Float, NDArray[np.int64]]:

@@ -32,7 +32,7 @@ class Leaves:
     def answers(self, leaf: NDArray[np.int32], asked: Float32) -> Float:
         """(n, D) answers of (n,) leaves to rows with (n, h) projections."""
         found: Float = self.values[leaf].astype(np.float64)
-        for i in range(self.slopes.shape[1]):
+        for i in range(self.slopes.shape[1]):  # none for mean leaves
             found += asked[:, i : i + 1].astype(np.float64) * self.slopes[leaf, i]
         return found
 

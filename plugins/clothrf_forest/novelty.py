@@ -62,6 +62,11 @@ def principal(of: Moments, components: int) -> Novelty:
     )
 
 
+def without_limits(model: Novelty) -> Novelty:
+    """The same model, to which nothing is novel."""
+    return replace(model, limits=np.array([np.inf, np.inf]))
+
+
 def fit_novelty(
     values: Rows, known: Survey, *, components: int, quantile: float
 ) -> tuple[Novelty, Float]:

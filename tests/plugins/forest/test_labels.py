@@ -98,3 +98,12 @@ def test_equal_actions_get_one_label_and_no_crash() -> None:
     labels = label_actions(np.ones((50, 6)), LabelsConfig(), np.random.default_rng(0))
 
     assert set(labels.index) == {0}
+
+
+def test_where_no_clusters_are_large_enough_k_means_makes_labels_that_are() -> None:
+    points = np.random.default_rng(0).uniform(-1.0, 1.0, (240, 18))
+
+    labels = label_actions(points, LabelsConfig(), np.random.default_rng(0))
+
+    assert labels.bandwidth == 0.0
+    assert len(labels.centres) == 20

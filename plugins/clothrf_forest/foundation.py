@@ -1,0 +1,82 @@
+"""What is fitted before any tree: the linear base, what it offers to the trees, and the novelty."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clothrf_core.errors import DataError
+from clothrf_core.types import Float
+from clothrf_forest.config import ForestConfig
+from clothrf_forest.novelty import Novelty, fit_novelty, without_limits
+from clothrf_forest.projections import Projections, no_projections, offered
+from clothrf_forest.ridge import Linear, Scaling, fit_base, no_base, survey
+from clothrf_forest.rows import Rows
+
+
+@dataclass(frozen=True, slots=True)
+class Foundation:
+    """The linear parts of a model, and what they say of the training rows held out.
+
+    Attributes:
+        by: how features are standardised.
+        linear: the base.
+        projections: what trees may ask for besides features; none without a base.
+        novelty: what known pictures look like.
+        rows: features, anchor and held-out projections of the training rows.
+        num_projections: h.
+        residual: (N, D) float64 what is left for the trees, m.
+        scores: (N,) float64 novelty of the training rows.
+        fold: (N,) int64 folds of whole roll-outs.
+    """
+
+    by: Scaling
+    linear: Linear
+    projections: Projections
+    novelty: Novelty
+    rows: Rows
+    num_projections: int
+    residual: Float
+    scores: Float
+    fold: NDArray[np.int64]
+
+
+def lay(
+    rows: Rows,
+    targets: Float,
+    groups: NDArray[np.int64],
+    config: ForestConfig,
+    rng: np.random.Generator,
+) -> Foundation:
+    """Fit the linear parts on `rows` and (N, D) `targets`.
+
+    Raises:
+        DataError: a feature is NaN or infinite.
+    """
+    known = survey(rows, targets, groups, rng)
+    if not np.isfinite(known.by.centre * known.by.scale).all():
+        raise DataError("forest: expected finite features, got NaN or infinity in the data set")
+    wanted = config.confidence
+    novelty, scores = fit_novelty(
+        rows, known, components=wanted.components, quantile=wanted.quantile
+    )
+    projections, held_out = no_projections(rows.width), np.zeros((len(rows), 0), np.float32)
+    if config.base == "ridge":
+        base = fit_base(rows, targets, known)
+        if config.oblique:
+            projections, held_out = offered(base)
+    else:
+        base = no_base(targets, rows.width)
+    return Foundation(
+        by=known.by,
+        linear=base.linear,
+        projections=projections,
+        novelty=novelty if wanted.novelty else without_limits(novelty),
+        rows=Rows(rows.features, rows.anchors, held_out),
+        num_projections=held_out.shape[1],
+        residual=targets - base.held_out,
+        scores=scores,
+        fold=known.fold,
+    )
