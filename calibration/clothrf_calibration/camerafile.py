@@ -129,6 +129,12 @@ def with_extrinsics(
     }
     if h.setup == "fixed":
         result["camera"]["T_world_camera"] = h.X.tolist()
+    if h.intrinsics_covariance is not None:
+        # The pose goes with the intrinsics that were refined together with it.
+        result["camera"]["K"] = matrix(h.intrinsics).tolist()
+        result["camera"]["distortion"] = h.intrinsics[4:].tolist()
+        C = h.intrinsics_covariance
+        result["uncertainty"] |= {"sd": np.sqrt(np.diag(C)).tolist(), "covariance": C.tolist()}
     result.setdefault("warnings", {})["extrinsics"] = list(h.warnings)
     return result
 

@@ -171,6 +171,7 @@ def intrinsics(
                 task, description=what, completed=done, total=of
             ),
         )  # fmt: skip
+        bar.update(task, description="solved", completed=1, total=1)
     beside = pictures / "camera.toml" if pictures.is_dir() else pictures
     unit = _depth_unit(beside)
     tables = intrinsics_tables(result, command=_command(), pictures=str(pictures), depth_unit=unit)

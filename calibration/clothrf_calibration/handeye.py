@@ -45,6 +45,8 @@ class HandEye:
         X: (4, 4) T_base_camera (fixed) or T_gripper_camera (hand).
         Z: (4, 4) T_gripper_board (fixed) or T_base_board (hand).
         covariance: (6, 6) of X: left turn (rad), then shift (m).
+        intrinsics: (4 + D,) refined within their covariance, or as they were given.
+        intrinsics_covariance: (4 + D, 4 + D) after the refinement; None if they were fixed.
         noise: estimated inexactness of the robot.
         sigma: noise of one coordinate of a corner, pixels.
         rms: (V,) reprojection error of each view from the robot's pose alone, pixels.
@@ -65,6 +67,8 @@ class HandEye:
     X: Float
     Z: Float
     covariance: Float
+    intrinsics: Float
+    intrinsics_covariance: Float | None
     noise: RobotNoise
     sigma: float
     rms: Float
@@ -194,6 +198,10 @@ def _hand_eye(
         X=result.pose,
         Z=result.state.Z,
         covariance=result.pose_covariance,
+        intrinsics=result.state.parameters,
+        intrinsics_covariance=None
+        if covariance is None
+        else result.covariance[problem.columns[3], problem.columns[3]],
         noise=noise,
         sigma=sigma,
         rms=rms,
