@@ -38,6 +38,8 @@ def run_group(
             figures, reason = benchmark.run(quick), ""
         except (ClothrfError, ImportError) as error:
             figures, reason = [], f"{error}"
+        except Exception as error:  # noqa: BLE001  the other measurements must still be made
+            figures, reason = [], f"failed: {type(error).__name__}: {error}"
         outcomes.append(Outcome(benchmark, figures, time.perf_counter() - start, reason))
     return outcomes
 

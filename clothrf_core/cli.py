@@ -11,21 +11,21 @@ import typer
 from rich.console import Console
 from rich.logging import RichHandler
 from rich.markup import escape
-from rich.progress import (
-    BarColumn,
-    MofNCompleteColumn,
-    Progress,
-    TextColumn,
-    TimeElapsedColumn,
-    TimeRemainingColumn,
-)
 from rich.table import Table
 
 from clothrf_core import __version__
+from clothrf_core.console import (
+    console,
+    draw_run,
+    evaluate_run,
+    print_rows,
+    progress_bar,
+    short,
+    train_run,
+)
 from clothrf_core.errors import ClothrfError, UnknownPlugin, suggestion
 from clothrf_core.registry import KINDS, Registry
 
-console = Console()
 app = typer.Typer(
     name="clothrf",
     help="Random-forest controllers for robots that handle cloth.",
@@ -72,9 +72,9 @@ def demo(
         resume = (out / "experiment.toml").exists()
     if (out / "report.html").exists() and not resume:
         out = _free(out)
-    run = _train(path, out, resume=resume, overrides=None)
-    _evaluate(run, None)
-    _draw(run)
+    run = train_run(path, out, resume=resume, overrides=None)
+    evaluate_run(run, None)
+    draw_run(run)
     console.print(f"\nPictures, animation and report: [bold]{out / 'report.html'}[/bold]")
 
 
@@ -96,8 +96,8 @@ def train(
     if workers is not None:
         extra["collection.workers"] = workers
     target = out or Path("runs") / config.stem
-    run = _train(config, target, resume=resume, overrides={**_overrides(overrides), **extra})
-    _draw(run, film=False)
+    run = train_run(config, target, resume=resume, overrides={**_overrides(overrides), **extra})
+    draw_run(run, film=False)
     console.print(f"Policy: {run.best}\nReport: {run.path / 'report.html'}")
 
 
@@ -110,8 +110,8 @@ def evaluate(
     from clothrf_core.run_folder import RunFolder
 
     run = RunFolder.open(folder)
-    _evaluate(run, seeds)
-    _draw(run)
+    evaluate_run(run, seeds)
+    draw_run(run)
     console.print(f"Report: {run.path / 'report.html'}")
 
 
@@ -132,7 +132,7 @@ def predict(
 
     target = out or folder / "predictions"
     invalid = 0
-    with _bar() as bar:
+    with progress_bar() as bar:
         row = bar.add_task("frames", total=None)
 
         def show(prediction: Prediction) -> None:
@@ -272,10 +272,10 @@ def info(folder: RunPath) -> None:
     if not records:
         console.print(f"{folder}: no finished iteration yet. Go on with it: clothrf train --resume")
         return
-    _print_rows(convergence_rows(records))
+    print_rows(convergence_rows(records))
     closed = run.evaluation().get("closed_loop")
     if closed:
-        _print_rows(closed_loop_rows(closed))
+        print_rows(closed_loop_rows(closed))
 
 
 @app.command()
@@ -308,8 +308,8 @@ def bench(
     for head in ("figure", "value", "unit", "detail"):
         table.add_column(head, overflow="fold")
     for name, figure in written["figures"].items():
-        detail = ", ".join(f"{k} {_short(v)}" for k, v in figure["detail"].items())
-        table.add_row(name, _short(figure["value"]), figure["unit"], detail)
+        detail = ", ".join(f"{k} {short(v)}" for k, v in figure["detail"].items())
+        table.add_row(name, short(figure["value"]), figure["unit"], detail)
     console.print(f"[bold]{written['machine']['name']}[/bold]")
     console.print(table)
     for name, reason in written["skipped"].items():
@@ -317,10 +317,10 @@ def bench(
     if json:
         atomic_write(json, json_bytes(written))
     if old is not None:
-        _print_rows(
+        print_rows(
             [["figure", "before", "now", "now / before"]]
             + [
-                [name, _short(before), _short(now), f"{ratio:.2f}"]
+                [name, short(before), short(now), f"{ratio:.2f}"]
                 for name, before, now, ratio in benchmark.changes(written, old)
             ]
         )
@@ -355,85 +355,6 @@ def _stub() -> None:
     """Stands for a plugin's command in the list of commands."""
 
 
-def _train(path: Path, out: Path, *, resume: bool, overrides: dict[str, Any] | None) -> Any:
-    from clothrf_core import config, imitation
-    from clothrf_core.run_folder import RunFolder
-
-    registry = Registry.installed()
-    resolved = config.load(path, registry, overrides)
-    run = RunFolder.start(out, resolved, resume=resume)
-    experiment = resolved.experiment
-    done = len(run.metrics())
-    left = (experiment.training.iterations - done) * experiment.training.rollouts
-    with _bar() as bar:
-        row = bar.add_task("roll-outs", total=left + experiment.evaluation.rollouts)
-
-        class Shown:
-            def advance(self, what: str) -> None:
-                bar.advance(row)
-
-            def finished(self, record: dict[str, Any]) -> None:
-                bar.console.print(
-                    f"iteration {record['iteration']:2d}  beta {record['beta']:.2f}  "
-                    f"{record['samples']:6d} samples  held out {record['rms_mm']:6.1f} mm  "
-                    f"NRE {record['nre']:.4f}  leaves {record.get('leaves', 0):.0f}",
-                    highlight=False,
-                )
-
-        imitation.dagger(run, registry, Shown())
-    return run
-
-
-def _evaluate(run: Any, seeds: int | None) -> None:
-    from clothrf_core.closed_loop import closed_loop
-    from clothrf_core.report import closed_loop_rows
-
-    with _bar() as bar:
-        row = bar.add_task("episodes", total=None)
-
-        def plan(total: int) -> None:
-            bar.update(row, total=total)
-
-        table = closed_loop(run, Registry.installed(), seeds, plan, lambda: bar.advance(row))
-    _print_rows(closed_loop_rows(table))
-
-
-def _draw(run: Any, *, film: bool = True) -> None:
-    from clothrf_core.gallery import gallery
-    from clothrf_core.report import write_report
-
-    if not film:
-        write_report(run)
-        return
-    with _bar() as bar:
-        row = bar.add_task("pictures", total=None)
-        pictures = gallery(
-            run, Registry.installed(), lambda n: bar.update(row, total=n), lambda: bar.advance(row)
-        )
-    write_report(run, pictures)
-
-
-def _bar() -> Progress:
-    return Progress(
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-        TextColumn("left"),
-        TimeRemainingColumn(),
-        console=console,
-    )
-
-
-def _print_rows(rows: list[list[str]]) -> None:
-    table = Table(box=None, header_style="bold")
-    for i, head in enumerate(rows[0]):
-        table.add_column(head, justify="left" if i == 0 else "right")
-    for row in rows[1:]:
-        table.add_row(*row)
-    console.print(table)
-
-
 def _overrides(given: list[str] | None) -> dict[str, Any]:
     import tomllib
 
@@ -454,10 +375,6 @@ def _free(path: Path) -> Path:
     while path.with_name(f"{path.name}-{number}").exists():
         number += 1
     return path.with_name(f"{path.name}-{number}")
-
-
-def _short(value: Any) -> str:
-    return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
 if __name__ == "__main__":

@@ -14,6 +14,7 @@ from clothrf_core.params import Randomization, SimulationParams
 from clothrf_core.provider import BuildContext
 from clothrf_core.registry import KINDS, Registry
 from clothrf_core.testing import camera as camera_suite
+from clothrf_core.testing.arm_model import check_arm_model, check_bridge_end
 from clothrf_core.testing.expert import check_expert
 from clothrf_core.testing.features import check_feature_extractor, draw_sheet
 from clothrf_core.testing.hands import check_hands
@@ -93,6 +94,18 @@ def test_randomizer(name):
     start = SimulationParams(hands=RIG.rest_hands, grasp=RIG.rest_grasp)
     nominal = Randomization(simulation=start, camera=RIG.camera.model())
     check_randomizer(maker("randomizer", name), nominal, draw_sheet(RIG))
+
+
+@pytest.mark.parametrize("name", names("arm"))
+def test_arm(name):
+    check_arm_model(maker("arm", name))
+
+
+@pytest.mark.parametrize("name", names("bridge_end"))
+def test_bridge_end(name):
+    make = maker("bridge_end", name)
+    arm = REGISTRY.build("arm", "yumi", None, CONTEXT)
+    check_bridge_end(make, joints=len(arm.joint_names))
 
 
 def test_the_simulated_robot_keeps_its_promises(toy, toy_experiment):

@@ -1,0 +1,110 @@
+"""What the commands show: bars with time left, tables, and the long actions behind them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
+from rich.table import Table
+
+from clothrf_core.registry import Registry
+
+console = Console()
+
+
+def train_run(path: Path, out: Path, *, resume: bool, overrides: dict[str, Any] | None) -> Any:
+    """Train (or go on) with a bar and a line an iteration; returns the `RunFolder`."""
+    from clothrf_core import config, imitation
+    from clothrf_core.run_folder import RunFolder
+
+    registry = Registry.installed()
+    resolved = config.load(path, registry, overrides)
+    run = RunFolder.start(out, resolved, resume=resume)
+    experiment = resolved.experiment
+    done = len(run.metrics())
+    left = (experiment.training.iterations - done) * experiment.training.rollouts
+    with progress_bar() as bar:
+        row = bar.add_task("roll-outs", total=left + experiment.evaluation.rollouts)
+
+        class Shown:
+            def advance(self, what: str) -> None:
+                bar.advance(row)
+
+            def finished(self, record: dict[str, Any]) -> None:
+                bar.console.print(
+                    f"iteration {record['iteration']:2d}  beta {record['beta']:.2f}  "
+                    f"{record['samples']:6d} samples  held out {record['rms_mm']:6.1f} mm  "
+                    f"NRE {record['nre']:.4f}  leaves {record.get('leaves', 0):.0f}",
+                    highlight=False,
+                )
+
+        imitation.dagger(run, registry, Shown())
+    return run
+
+
+def evaluate_run(run: Any, seeds: int | None) -> None:
+    """Closed loop with a bar, printed as a table."""
+    from clothrf_core.closed_loop import closed_loop
+    from clothrf_core.report import closed_loop_rows
+
+    with progress_bar() as bar:
+        row = bar.add_task("episodes", total=None)
+
+        def plan(total: int) -> None:
+            bar.update(row, total=total)
+
+        table = closed_loop(run, Registry.installed(), seeds, plan, lambda: bar.advance(row))
+    print_rows(closed_loop_rows(table))
+
+
+def draw_run(run: Any, *, film: bool = True) -> None:
+    """Write the report, with pictures and a film if asked for."""
+    from clothrf_core.gallery import gallery
+    from clothrf_core.report import write_report
+
+    if not film:
+        write_report(run)
+        return
+    with progress_bar() as bar:
+        row = bar.add_task("pictures", total=None)
+        pictures = gallery(
+            run, Registry.installed(), lambda n: bar.update(row, total=n), lambda: bar.advance(row)
+        )
+    write_report(run, pictures)
+
+
+def progress_bar() -> Progress:
+    """A bar with count, time passed and time left."""
+    return Progress(
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        TextColumn("left"),
+        TimeRemainingColumn(),
+        console=console,
+    )
+
+
+def print_rows(rows: list[list[str]]) -> None:
+    """A table whose first row is its header."""
+    table = Table(box=None, header_style="bold")
+    for i, head in enumerate(rows[0]):
+        table.add_column(head, justify="left" if i == 0 else "right")
+    for row in rows[1:]:
+        table.add_row(*row)
+    console.print(table)
+
+
+def short(value: Any) -> str:
+    """Four digits of a float; anything else as it is."""
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
