@@ -148,10 +148,13 @@ def _threads(steps: int) -> float:
 
 
 def _rest_speed() -> float:
-    """Fastest vertex after ten seconds with still corners, mm/s."""
-    hands, grasp = motion("bent", 1, seed=1)
-    simulator = ClothSimulator(ClothOptions())
-    simulator.reset(np.random.default_rng(1), _params(hands[0], grasp[0]))
-    for _ in range(300):
-        state = simulator.step(grasp[0], hands[0], STEP)
-    return float(np.linalg.norm(state.velocities, axis=1).max() * 1e3)
+    """Fastest vertex after ten seconds with still corners, worst of the tasks, mm/s."""
+    fastest = 0.0
+    for task in TASKS[:3]:
+        hands, grasp = motion(task, 1, seed=2)
+        simulator = ClothSimulator(ClothOptions())
+        simulator.reset(np.random.default_rng(1), _params(hands[0], grasp[0]))
+        for _ in range(300):
+            state = simulator.step(grasp[0], hands[0], STEP)
+        fastest = max(fastest, float(np.linalg.norm(state.velocities, axis=1).max() * 1e3))
+    return fastest

@@ -2,7 +2,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from clothrf_sapien.bench_motions import motion
 from clothrf_sapien.cloth import Cloths
+from clothrf_sapien.config import ClothOptions
+from clothrf_sapien.simulator import ClothSimulator
 from clothrf_sapien.truths import (
     cantilever_error,
     catenary,
@@ -68,15 +71,16 @@ def test_energy_does_not_grow_while_the_corners_are_still() -> None:
     assert energies[0] - energies[-1] > 1e-3
 
 
-def test_the_cloth_comes_to_rest_when_nothing_moves() -> None:
-    from clothrf_sapien.config import ClothOptions
-    from clothrf_sapien.simulator import ClothSimulator
-
+@pytest.mark.parametrize("task", ["straight", "bent", "twisted"])
+def test_the_cloth_comes_to_rest_when_nothing_moves(task) -> None:
+    hands, grasp = motion(task, 1, seed=2)
     simulator = ClothSimulator(ClothOptions())
-    p = params(resolution=(11, 12))
-    simulator.reset(np.random.default_rng(0), p)
+    simulator.reset(
+        np.random.default_rng(1), params(resolution=(21, 24), hands=hands[0], grasp=grasp[0])
+    )
 
-    for _ in range(300):
-        state = simulator.step(p.grasp, p.hands, 1 / 30)
+    for _ in range(240):
+        state = simulator.step(grasp[0], hands[0], 1 / 30)
 
-    assert np.abs(state.velocities).max() < 1e-4
+    # A Newton tolerance of 1 mm, whatever the travel, left 90 mm/s here.
+    assert np.abs(state.velocities).max() < 2e-3
