@@ -137,7 +137,7 @@ def edge(start: Float, end: Float) -> Float:
     return np.array([cx, cy, ground, d[2], *n, length])
 
 
-# Points are never NaN, so a maximum may be taken in any order: vector code, 0.27 -> 0.06 ms.
+# Points are never NaN, so a maximum may be taken in any order: vector code.
 @njit(cache=True, nogil=True, fastmath={"contract", "nnan", "nsz", "reassoc"})
 def farthest(
     points: NDArray[np.float32],

@@ -17,7 +17,7 @@ SATURATE8 = 3
 
 
 # Contraction to fused multiply-add is allowed: the same machine always rounds alike, and the pass
-# is 1.5 times faster. No reassociation, no assumption about NaN.
+# is faster. No reassociation, no assumption about NaN.
 @njit(cache=True, nogil=True, fastmath={"contract"})
 def _accumulate(
     row: NDArray[np.float32],
@@ -173,7 +173,7 @@ def oriented_sums(
     return result
 
 
-# Sums of a row may be added in any order (vector code, 0.11 -> 0.04 ms); nothing assumes no NaN.
+# Sums of a row may be added in any order (vector code); nothing assumes no NaN.
 @njit(cache=True, nogil=True, fastmath={"contract", "reassoc", "nsz"})
 def detrended(
     depth: NDArray[np.float32], mask: NDArray[np.bool_], degree: int
