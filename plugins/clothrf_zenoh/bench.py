@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import contextlib
-import json
 import multiprocessing
 import os
 import signal
 import socket
-import subprocess
-import sys
 import time
 from collections.abc import Iterator, Mapping
 from multiprocessing.process import BaseProcess
@@ -31,7 +28,7 @@ from clothrf_zenoh.compose import bounds_of, choose
 from clothrf_zenoh.config import LimitsSection, YumiZenohConfig, ZenohSection
 from clothrf_zenoh.messages import JointTrajectoryCodec, epoch_frame
 from clothrf_zenoh.pace import Pace, wall_ns
-from clothrf_zenoh.process import BridgeProcess
+from clothrf_zenoh.process import BridgeProcess, egm_simulation
 from clothrf_zenoh.robot import StreamedYumi
 from clothrf_zenoh.session import keys_of, open_session
 
@@ -149,28 +146,7 @@ def _controllers() -> tuple[dict[str, Any], contextlib.AbstractContextManager[di
         return {"plugin": "sim"}, contextlib.nullcontext({})
     left, right = _free_port(socket.SOCK_DGRAM), _free_port(socket.SOCK_DGRAM)
     end = {"plugin": "egm", "left_port": left, "right_port": right}
-    return end, _egm_sim(left, right)
-
-
-@contextlib.contextmanager
-def _egm_sim(left: int, right: int) -> Iterator[dict[str, Any]]:
-    """`clothrf egm-sim` while the block runs; afterwards its counters are in what was yielded."""
-    words = ["egm-sim", "--left-port", str(left), "--right-port", str(right), "--json"]
-    process = subprocess.Popen(
-        [sys.executable, "-c", "from clothrf_core.cli import main; main()", *words],
-        stdout=subprocess.PIPE,
-        text=True,
-    )
-    counters: dict[str, Any] = {}
-    try:
-        yield counters
-    finally:
-        process.send_signal(signal.SIGINT)
-        try:
-            counters.update(json.loads(process.communicate(timeout=10.0)[0]))
-        except (subprocess.TimeoutExpired, ValueError):
-            process.kill()
-            process.wait()
+    return end, egm_simulation(left, right)
 
 
 def watchdog(*, quick: bool) -> list[Figure]:

@@ -120,4 +120,10 @@ class YumiZenohConfig(Section):
     deadman_s: Seconds = Field(1.0, description="no command for so long: the lease is let go")
     state_timeout_s: Seconds = Field(5.0, description="wait for joint states on entering")
     realtime_priority: int = Field(20, ge=0, le=50, description="SCHED_FIFO if permitted; 0: off")
-    record: Path | None = Field(None, description="MCAP file of everything on the wire")
+    bridge: Path | None = Field(
+        None, description="bridge file to start as well, for rehearsals on one machine"
+    )
+    simulate_controller: bool = Field(
+        True, description="with `bridge`: start `clothrf egm-sim` too if it ends in EGM on loopback"
+    )
+    record: Path | None = Field(None, description="new MCAP file of everything on the wire")

@@ -1,10 +1,15 @@
-"""A bridge in a process of its own, for programs that bring up everything together."""
+"""Bridge, simulated controller and recorder as processes, for who brings up all of it at once."""
 
 from __future__ import annotations
 
+import contextlib
+import json
+import logging
 import multiprocessing
 import signal
-from collections.abc import Callable, Mapping
+import subprocess
+import sys
+from collections.abc import Callable, Iterator, Mapping
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
 from pathlib import Path
@@ -15,10 +20,13 @@ from clothrf_core.clock import WallClock
 from clothrf_core.errors import ClothrfError
 from clothrf_core.registry import Registry
 from clothrf_zenoh.compose import resolve_bridge
+from clothrf_zenoh.config import ZenohSection
 from clothrf_zenoh.faults import BridgeUnreachable
 from clothrf_zenoh.serve import serve
 
 START_TIMEOUT_S = 30.0
+
+_CLOTHRF = "from clothrf_core.cli import main; main()"
 
 
 class BridgeProcess:
@@ -101,3 +109,60 @@ def _main(
         pipe.send(str(error))
     except (OSError, EOFError):
         return
+
+
+@contextlib.contextmanager
+def egm_simulation(left_port: int, right_port: int) -> Iterator[dict[str, Any]]:
+    """`clothrf egm-sim` while the block runs; afterwards its counters are in what was yielded."""
+    ports = ["--left-port", str(left_port), "--right-port", str(right_port)]
+    process = subprocess.Popen(
+        [sys.executable, "-c", _CLOTHRF, "egm-sim", *ports, "--json"],
+        stdout=subprocess.PIPE,
+        text=True,
+        start_new_session=True,  # Ctrl-C is for the controller, which stops the arms first
+    )
+    counters: dict[str, Any] = {}
+    try:
+        yield counters
+    finally:
+        process.send_signal(signal.SIGINT)
+        try:
+            counters.update(json.loads(process.communicate(timeout=10.0)[0]))
+        except (subprocess.TimeoutExpired, ValueError):
+            process.kill()
+            process.wait()
+
+
+@contextlib.contextmanager
+def recording(section: ZenohSection, folder: Path, path: Path) -> Iterator[None]:
+    """A recorder in a process of its own while the block runs."""
+    context = multiprocessing.get_context("spawn")
+    near, far = context.Pipe()
+    process = context.Process(
+        target=_record, args=(section.model_dump_json(), str(folder), str(path), far), daemon=True
+    )
+    process.start()
+    far.close()
+    try:
+        yield
+    finally:
+        with contextlib.suppress(OSError):
+            near.send("stop")
+        process.join(timeout=10.0)
+        near.close()
+
+
+def _record(section: str, folder: str, path: str, pipe: Connection) -> None:
+    from clothrf_zenoh.record import record
+
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        record(
+            ZenohSection.model_validate_json(section),
+            Path(folder),
+            Path(path),
+            WallClock(),
+            pipe.poll,
+        )
+    except ClothrfError as error:
+        logging.getLogger(__name__).error("record: %s", error)

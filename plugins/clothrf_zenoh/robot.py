@@ -5,6 +5,7 @@ from __future__ import annotations
 import multiprocessing
 import time
 from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import replace
 from multiprocessing.process import BaseProcess
 from pathlib import Path
@@ -14,6 +15,8 @@ from typing import Self
 import numpy as np
 from typing_extensions import override
 
+from clothrf_core.config import read_toml
+from clothrf_core.errors import DataError
 from clothrf_core.interfaces import Robot
 from clothrf_core.registry import Registry
 from clothrf_core.rig import Rig
@@ -21,6 +24,7 @@ from clothrf_core.types import GraspState, RobotCommand
 from clothrf_zenoh.config import YumiZenohConfig
 from clothrf_zenoh.faults import BridgeRefused, BridgeUnreachable
 from clothrf_zenoh.mailbox import Mailbox, News, Wish
+from clothrf_zenoh.process import BridgeProcess, egm_simulation, recording
 from clothrf_zenoh.stream import StreamSetup, stream_main
 
 START_TIMEOUT_S = 30.0
@@ -49,6 +53,9 @@ class StreamedYumi(Robot):
         registry: Callable[[], Registry] = Registry.installed,
     ) -> None:
         self._config = config
+        self._folder = folder.resolve()
+        self._registry = registry
+        self._around = ExitStack()
         self._setup = StreamSetup(
             config.model_dump_json(),
             str(folder.resolve()),
@@ -63,6 +70,11 @@ class StreamedYumi(Robot):
     @override
     def __enter__(self) -> Self:
         context = multiprocessing.get_context("spawn")
+        try:
+            self._begin_around()
+        except BaseException:
+            self._around.close()
+            raise
         self._wishes = Mailbox(context, Wish.LAYOUT.size)
         self._news = Mailbox(context, News.LAYOUT.size)
         self._wish = Wish()
@@ -157,6 +169,25 @@ class StreamedYumi(Robot):
             "least_clearance_m": news.least_clearance,
         }
 
+    def _begin_around(self) -> None:
+        """What a rehearsal on one machine needs besides the stream."""
+        config = self._config
+        if config.bridge is not None:
+            path = self._folder / config.bridge
+            tables = read_toml(path)
+            bridge = BridgeProcess(tables, folder=path.parent, registry=self._registry)
+            self._around.enter_context(bridge)
+            end = tables.get("end", {})
+            local = end.get("plugin") == "egm" and end.get("host", "127.0.0.1") == "127.0.0.1"
+            if local and config.simulate_controller:
+                ports = (int(end.get("left_port", 6511)), int(end.get("right_port", 6512)))
+                self._around.enter_context(egm_simulation(*ports))
+        if config.record is not None:
+            path = self._folder / config.record
+            if path.exists():
+                raise DataError(f"robot.record: expected a new file name, found a file at {path}")
+            self._around.enter_context(recording(config.zenoh, self._folder, path))
+
     def _tell(self, wish: Wish) -> None:
         self._wish = wish
         self._wishes.put(wish.encode())
@@ -173,11 +204,11 @@ class StreamedYumi(Robot):
 
     def _leave(self) -> None:
         process, self._process = self._process, None
-        if process is None:
-            return
-        self._tell(replace(self._wish, leave=True))
-        process.join(timeout=3.0)
-        if process.is_alive():
-            # The bridge's watchdog stops the arms.
-            process.kill()
-            process.join(timeout=1.0)
+        if process is not None:
+            self._tell(replace(self._wish, leave=True))
+            process.join(timeout=3.0)
+            if process.is_alive():
+                # The bridge's watchdog stops the arms.
+                process.kill()
+                process.join(timeout=1.0)
+        self._around.close()
