@@ -76,7 +76,11 @@ def grown(
     found = grow_all(problem, weights, growth, seeds, grow, threads=side_by_side)
     least = growth.min_gain
     if config.min_impurity_decrease == "oob":
-        least = chosen_gain(found, weights, on.residual, tasks)
+        linear = has_linear_leaves(config, on.num_projections)
+        asked = on.rows.projections if linear else None
+        least = chosen_gain(
+            found, weights, on.residual, tasks, asked=asked, penalty=config.leaf_penalty
+        )
         found = [cut_back(tree, least) for tree in found]
     trees = flattened(found, columns, cuts)
     facts = {

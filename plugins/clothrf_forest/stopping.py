@@ -9,8 +9,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from clothrf_core.types import Float
+from clothrf_core.types import Float, Float32
 from clothrf_forest.leaves import leaf_numbers, mean_leaves, out_of_bag
+from clothrf_forest.linear import linear_leaves
 from clothrf_forest.trees import Tree
 
 LADDER = (1e-4, 2e-4, 5e-4, 1e-3, 2e-3, 5e-3, 1e-2)
@@ -18,7 +19,15 @@ JUDGES = 30
 SLACK = 1.002
 
 
-def chosen_gain(trees: list[Tree], weights: NDArray[np.uint8], targets: Float, tasks: int) -> float:
+def chosen_gain(
+    trees: list[Tree],
+    weights: NDArray[np.uint8],
+    targets: Float,
+    tasks: int,
+    *,
+    asked: Float32 | None = None,
+    penalty: float = 0.05,
+) -> float:
     """The largest least gain whose out-of-bag error is within 0.2 % of the best.
 
     Args:
@@ -26,6 +35,8 @@ def chosen_gain(trees: list[Tree], weights: NDArray[np.uint8], targets: Float, t
         weights: (K, N) their samples.
         targets: (N, D) what leaves answer.
         tasks: T.
+        asked: (N, h) projections of linear leaves; None = leaves hold means.
+        penalty: of linear leaves.
     """
     judges, weights = trees[:JUDGES], weights[:JUDGES]
     errors = []
@@ -33,7 +44,9 @@ def chosen_gain(trees: list[Tree], weights: NDArray[np.uint8], targets: Float, t
         cut = [cut_back(tree, gain) for tree in judges]
         leaf = leaf_numbers(cut)
         leaves = mean_leaves(leaf, sum(t.num_leaves for t in cut), weights, targets, tasks)
-        found = out_of_bag(leaf, weights, leaves, tasks)
+        if asked is not None:
+            leaves = linear_leaves(leaves, leaf, weights, targets, asked, penalty)
+        found = out_of_bag(leaf, weights, leaves, tasks, asked)
         errors.append(float(((targets[found.rows] - found.prediction) ** 2).sum()))
     least = SLACK**2 * min(errors)
     return max(gain for gain, error in zip(LADDER, errors, strict=True) if error <= least)
