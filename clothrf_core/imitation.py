@@ -61,6 +61,7 @@ def dagger(run: RunFolder, registry: Registry, progress: Progress) -> list[dict[
             collected = time.perf_counter()
             view = data.view(data.paths(up_to=iteration))
             policy, facts = fit(run, resolved, registry, view, iteration)
+            seconds = {key: facts.pop(key) for key in sorted(facts) if key.endswith("_s")}
             record = {
                 "iteration": iteration,
                 "beta": beta(iteration, training.beta),
@@ -69,7 +70,8 @@ def dagger(run: RunFolder, registry: Registry, progress: Progress) -> list[dict[
             }
             records.append(record)
             fitted = time.perf_counter()
-            run.finish(records, {"collect_s": collected - start, "fit_s": fitted - collected})
+            spent = {"collect_s": collected - start, "fit_and_test_s": fitted - collected}
+            run.finish(records, {**spent, **seconds})
             progress.finished(record)
     finally:
         workers.close()
