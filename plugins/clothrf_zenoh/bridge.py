@@ -108,8 +108,8 @@ class Bridge:
         self._codec = JointTrajectoryCodec(arm.joint_names)
         self._watchdog_ns = int(1e9 * watchdog_s)
         self._max_gap_ns = int(1e9 * max_gap_s)
-        # After three silent ticks the pursuit begins anew, from where the arms are.
-        self._pause_ns = int(3e9 * bounds.dt)
+        # After so many silent ticks the pursuit begins anew, from where the arms are.
+        self._pause_ns = int(1e9 * checks.PAUSE_TICKS * bounds.dt)
         self._epoch = first_epoch
         self._sequence = 0
         self._last_gid = b""
@@ -330,8 +330,8 @@ class Bridge:
             self._pursued = self._pursued + step
             lead = newest.ahead
             left = np.abs(way - step)
-            if left.any():  # catching up: look less far ahead the more there is to catch up with
-                lead = lead * np.maximum(1.0 - left / (12.0 * newest.reach), 0.0)
+            if left.any():
+                lead = lead * checks.share_of_lead(left, newest.reach)
             q, qd, qdd = limiter.tick(self._pursued + lead)
         else:
             q, qd, qdd = limiter.stop()

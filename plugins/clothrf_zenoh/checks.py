@@ -17,9 +17,11 @@ from clothrf_core.types import Float
 from clothrf_zenoh.attachment import Attachment
 from clothrf_zenoh.messages import JointTrajectory, epoch_frame
 
-# Pursuit of a client: times its own speed, but at least so many rad/s.
+# Pursuit of a client: times its own speed, but at least so many rad/s; silent ticks after which it
+# begins anew.
 CATCH_UP = 1.2
 CREEP = 0.1
+PAUSE_TICKS = 8
 
 
 class Reason(StrEnum):
@@ -329,6 +331,16 @@ def pursuit(qd: Float, bounds: Bounds) -> tuple[Float, Float]:
     v = np.abs(qd)
     ahead = qd * np.where(v > knee, v * per_a + rise, np.sqrt(v * per_j))
     return ahead, np.maximum((CATCH_UP * bounds.dt) * v, CREEP * bounds.dt)
+
+
+def share_of_lead(left: Float, reach: Float) -> Float:
+    """(J,) in [0, 1]: how much of ``ahead`` to keep while ``left`` rad are to be caught up with.
+
+    All of it for the jitter of a busy machine, none of it after a real gap: both at once, catching
+    up and looking ahead, would be faster than the client ever was.
+    """
+    share: Float = np.clip(1.5 - left / (PAUSE_TICKS * reach), 0.0, 1.0)
+    return share
 
 
 def stopping_point(q: Float, qd: Float, qdd: Float, bounds: Bounds) -> Float:

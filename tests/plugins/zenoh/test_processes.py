@@ -26,6 +26,14 @@ def port():
     return free_port()
 
 
+@pytest.fixture(scope="module")
+def shared():
+    """The port of one bridge for all tests that leave it as they found it: nobody's, cleared."""
+    port = free_port()
+    with bridge(port):
+        yield port
+
+
 def still(one):
     one.poll()
     return one.joints is not None and not one.joints.velocities.any()
@@ -104,55 +112,57 @@ def test_a_cut_cable_stops_the_arms(port):
     assert "watchdog" in eye.status["reason"]
 
 
-def test_a_silent_controller_lets_go_of_the_lease(port):
-    with bridge(port), client(port) as eye, robot(port) as machine:
-        drive(machine, HOME, 0.2)
+def test_a_silent_controller_lets_go_of_the_lease(shared):
+    with client(shared) as eye, robot(shared) as machine:
+        here = machine.state().positions
+        drive(machine, here, 0.2)
         until(lambda: eye.poll() is None or eye.status.get("state") == "HOLD", what="HOLD")
 
         assert "lease" in eye.status["reason"]
-        held = machine.send(RobotCommand(99, time.monotonic_ns(), 0.3, HOME)).held
+        held = machine.send(RobotCommand(99, time.monotonic_ns(), 0.3, here)).held
         assert held.startswith("bridge HOLD")
 
 
-def test_after_a_stop_only_arming_again_moves_the_arms(port):
-    with bridge(port), client(port) as eye, robot(port) as machine:
-        drive(machine, HOME, 0.2)
+def test_after_a_stop_only_arming_again_moves_the_arms(shared):
+    with client(shared) as eye, robot(shared) as machine:
+        here = machine.state().positions
+        drive(machine, here, 0.2)
         reply = eye.emergency_stop("test")
         assert reply.state == "ESTOP"
         until(lambda: machine.status()["bridge"] == "ESTOP", what="news")
-        moved = drive(machine, HOME + [0.05, 0.0, 0.0], 0.3)
+        moved = drive(machine, here + [0.05, 0.0, 0.0], 0.3)
         assert "emergency stop asked for by test" in moved[-1].held
         with pytest.raises(BridgeRefused, match="ESTOP"):
             machine.arm()
         eye.ask("clear")
         machine.arm()
-        drive(machine, HOME + [0.05, 0.0, 0.0], 0.8)
+        drive(machine, here + [0.05, 0.0, 0.0], 0.8)
 
-        assert np.allclose(machine.state().positions, HOME + [0.05, 0.0, 0.0], atol=0.005)
+        assert np.allclose(machine.state().positions, here + [0.05, 0.0, 0.0], atol=0.005)
 
 
-def test_a_second_sender_is_refused_and_disturbs_nobody(port):
-    with bridge(port) as far, robot(port) as machine, client(port) as other:
+def test_a_second_sender_is_refused_and_disturbs_nobody(shared):
+    with robot(shared) as machine, client(shared) as other:
         other.wait_for_bridge(5.0)
         with pytest.raises(BridgeRefused, match="expected state IDLE or HOLD"):
             other.arm(0.3)
         other.epoch = int(other.status["epoch"])
         for _ in range(20):
             other.send(np.full(14, 0.5), np.zeros(14))
-        drive(machine, HOME, 0.3)
+        drive(machine, machine.state().positions, 0.3)
 
         assert machine.status()["bridge"] == "RUNNING"
         assert int(other.ask("status").status["refused.foreign_publisher"]) > 10
-        assert far.pid
 
 
-def test_a_target_too_far_away_is_refused_and_said(port):
-    with bridge(port), robot(port, max_step=0.1) as machine:
-        drive(machine, HOME, 0.2)
-        drive(machine, HOME + [0.5, 0.0, 0.0], 0.2)
+def test_a_target_too_far_away_is_refused_and_said(shared):
+    with robot(shared, max_step=0.1) as machine:
+        here = machine.state().positions
+        drive(machine, here, 0.2)
+        drive(machine, here + [0.5, 0.0, 0.0], 0.2)
 
         assert "expected within 0.1 m of the set-point" in machine.status()["why"]
-        assert np.allclose(machine.state().positions, HOME, atol=1e-6)
+        assert np.allclose(machine.state().positions, here, atol=1e-3)
 
 
 def test_a_bridge_that_is_not_there_is_named(port):
@@ -162,16 +172,17 @@ def test_a_bridge_that_is_not_there_is_named(port):
         machine.__enter__()
 
 
-def test_a_taken_address_is_an_error_of_one_line(port):
-    with bridge(port), pytest.raises(BridgeUnreachable, match="cannot listen"):
-        bridge(port).__enter__()
+def test_a_taken_address_is_an_error_of_one_line(shared):
+    with pytest.raises(BridgeUnreachable, match="cannot listen"):
+        bridge(shared).__enter__()
 
 
-def test_a_message_on_the_stop_key_stops_the_arms(port):
-    with bridge(port), client(port) as eye, robot(port) as machine:
-        drive(machine, HOME, 0.2)
+def test_a_message_on_the_stop_key_stops_the_arms(shared):
+    with client(shared) as eye, robot(shared) as machine:
+        drive(machine, machine.state().positions, 0.2)
         eye._session.put(eye._keys.request("estop"), b"")
         until(lambda: eye.poll() is None or eye.status.get("state") == "ESTOP", what="ESTOP")
+        eye.ask("clear")
 
 
 def resident_kb(pid):
