@@ -4,7 +4,8 @@ Tables besides ``[camera]`` (which `clothrf_core.camera_file` reads)::
 
     [provenance]   command, date, versions, detector, pictures, board, size
     [board]        the board as drawn, and `shape` with its `shape_numbers` as solved for
-    [residuals]    rms_px, corners, rejected, held_out_px, held_out_spread_px, [residuals.views]
+    [residuals]    rms_px, sigma_px, corners, rejected, correlation_factor, held_out_px,
+                   held_out_spread_px, [residuals.views]
     [uncertainty]  names, sd, covariance, projection_mean_px, projection_worst_px
     [tried]        held-out error of every lens model and board shape, pixels
     [extrinsics]   setup, method, T_.._.. matrices, covariance, sd, held-out errors, scale
@@ -27,7 +28,7 @@ from clothrf_calibration.boards import Board
 from clothrf_calibration.detect import DETECTOR
 from clothrf_calibration.errors import CalibrationError
 from clothrf_calibration.handeye import HandEye
-from clothrf_calibration.intrinsics import Calibration
+from clothrf_calibration.intrinsics import Calibration, correlation
 from clothrf_calibration.lens import matrix, vector
 from clothrf_core.camera_file import VERSION, read_camera_file, read_camera_tables
 from clothrf_core.files import atomic_write
@@ -62,6 +63,7 @@ def intrinsics_tables(
         "sigma_px": c.fit.sigma,
         "corners": int(sum(len(v.ids) for v in c.fit.views)),
         "rejected": c.fit.rejected,
+        "correlation_factor": correlation(c.fit),
     }
     if held is not None:
         residuals |= {"held_out_px": held.total, "held_out_spread_px": held.spread}

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from clothrf_calibration.boards import Board
 from clothrf_calibration.boardshape import Shape
-from clothrf_calibration.intrinsics_fit import Fit, State, fit, fit_pose, real_points
+from clothrf_calibration.intrinsics_fit import Belief, Fit, State, fit, fit_pose, real_points
 from clothrf_calibration.views import View
 from clothrf_core.types import Float
 
@@ -62,7 +62,7 @@ def cross_validate(
     used = [i for i, m in enumerate(full.inliers) if m.any()]
     views = [full.views[i] for i in used]
     masks = [full.inliers[i] for i in used]
-    poses = full.state.T_camera_board[used]
+    poses, scales = full.state.T_camera_board[used], full.scales[used]
     rms = np.zeros(len(used))
     for held in folds(len(used), k):
         train = [i for i in range(len(used)) if i not in held]
@@ -73,7 +73,7 @@ def cross_validate(
             model=model,
             shape=shape,
             start=start,
-            inliers=[masks[i] for i in train],
+            belief=Belief(tuple(masks[i] for i in train), scales[train]),
         )
         points = real_points(result, board)
         for i in held:

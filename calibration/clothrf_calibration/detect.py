@@ -91,7 +91,7 @@ def explain_missing(board: Board, images: Sequence[NDArray[np.uint8]]) -> str:
     ]
     votes = Counter(
         (t.columns, t.rows)
-        for image in images[:4]
+        for image in images[:2]
         for t in trials
         if _grid(t, image, quick=True) is not None
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
@@ -146,6 +147,9 @@ def _calibrate(
         first, board, options, shape, selecting=selecting, k=k, steps=steps
     )
     final = fit(views, board, model=model, shape=shape, start=first.state)
+    final = dataclasses.replace(
+        final, covariance=final.covariance * max(1.0, correlation(final)) ** 2
+    )
     steps.next("final fit")
     seen = coverage(final.views, final.state.T_camera_board, board.points)
     far = uncertainty_map(final, board)
@@ -188,7 +192,7 @@ def _choose_shape(
         return "flat", {}
     shapes: list[Shape] = ["flat", "warp"]
     warp, free = (
-        fit(first.views, board, model=5, shape=s, start=first.state, inliers=first.inliers)
+        fit(first.views, board, model=5, shape=s, start=first.state, belief=first.belief)
         for s in ("warp", "free")
     )
     if free.sigma < WORTH_TRYING * warp.sigma:
@@ -284,11 +288,12 @@ def _warnings(c: Calibration) -> list[str]:
             f"the residual of {c.fit.rms:.2f} px is large; is the board flat and the size right?"
         )
     say += _shape_warnings(c)
-    ratio = view_to_view(c.fit)
-    if ratio > 2.5:
+    ratio = correlation(c.fit)
+    if ratio > 1.5:
         say.append(
-            f"views disagree {ratio:.1f} times more than their noise explains; the stated "
-            "uncertainty is too small, look at the residual pictures"
+            f"residuals of neighbouring corners go the same way (errors are {ratio:.1f} times as "
+            "wide as noise alone, which the stated uncertainty contains): the print is not exact "
+            "or the lens model does not fit; look at the residual pictures"
         )
     if not c.fit.converged:
         say.append("the solver did not converge; the model may have too many coefficients")
@@ -319,14 +324,20 @@ def _shape_warnings(c: Calibration) -> list[str]:
     return say
 
 
-def view_to_view(result: Fit) -> float:
-    """How much the noise differs from view to view, against what chance gives (1).
+def correlation(result: Fit) -> float:
+    """How much wider errors are than independent noise of the same size would make them.
 
-    Systematic errors (a bent board, blur in some pictures) raise it.
+    Neighbouring corners share systematic errors (an inexact print, a wrong lens model): with
+    correlation r of neighbours, a mean scatters sqrt((1 + 2 r) / (1 - r)) times as much as if they
+    were independent. 1 for pure noise; the stated covariance is widened by its square.
     """
-    good = [m.sum() >= 8 for m in result.inliers]
-    kept = [r[m] for r, m, g in zip(result.residuals, result.inliers, good, strict=True) if g]
-    if len(kept) < 2:
+    kept = [
+        r[m] / (result.sigma * s)
+        for r, m, s in zip(result.residuals, result.inliers, result.scales, strict=True)
+        if m.sum() >= 8
+    ]
+    if len(kept) < 3:
         return 1.0
-    logs = np.log([float((r**2).mean()) for r in kept])
-    return float(np.std(logs, ddof=1) / np.mean([np.sqrt(2.0 / r.size) for r in kept]))
+    every = np.concatenate(kept)
+    together = np.concatenate([r[1:] * r[:-1] for r in kept]).mean() / (every**2).mean()
+    return float(np.sqrt(max(1.0 + 2.0 * together, 0.0) / max(1.0 - together, 0.1)))

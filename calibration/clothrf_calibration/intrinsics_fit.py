@@ -33,6 +33,9 @@ from clothrf_core.types import Float
 REJECT_SIGMA = 4.5
 CAUCHY = 2.385
 MIN_KEPT = 0.5
+# A view's noise may differ this much from the usual; a median of few corners counts as SHRINK.
+SCALES = (0.5, 2.5)
+SHRINK = 20.0
 
 # How large distortion coefficients k1 k2 p1 p2 k3 k4 k5 k6 of a lens may be. Where pictures leave
 # one undetermined (half of the image empty), this keeps it from running away; where they
@@ -65,8 +68,9 @@ class Fit:
         board_shape: which deviation of the board was allowed.
         views: all views, in the order of the poses.
         inliers: for every view (N,) bool, the corners that were believed.
+        scales: (V,) noise of each view over `sigma`.
         residuals: for every view (N, 2) pixels measured minus projected, of all corners.
-        sigma: noise of one coordinate, pixels, estimated from the inliers.
+        sigma: usual noise of one coordinate, pixels, estimated from the inliers.
         covariance: (4 + D + B, 4 + D + B) of parameters and shape.
         converged: the solver reached its minimum.
     """
@@ -75,10 +79,16 @@ class Fit:
     board_shape: Shape
     views: tuple[View, ...]
     inliers: tuple[NDArray[np.bool_], ...]
+    scales: Float
     residuals: tuple[Float, ...]
     sigma: float
     covariance: Float
     converged: bool
+
+    @property
+    def belief(self) -> Belief:
+        """Corners and views as this fit judged them."""
+        return Belief(self.inliers, self.scales)
 
     @property
     def rms(self) -> float:
@@ -173,6 +183,24 @@ class _Intrinsics(Problem[State]):
         )
 
 
+@dataclasses.dataclass(frozen=True, slots=True, eq=False)
+class Belief:
+    """What is believed of the data.
+
+    Attributes:
+        inliers: for every view (N,) bool, the corners that are used.
+        scales: (V,) noise of each view over the usual noise; a blurred picture counts less.
+    """
+
+    inliers: tuple[NDArray[np.bool_], ...]
+    scales: Float
+
+    @property
+    def weights(self) -> list[Float]:
+        """For every view (N,) square roots of weights."""
+        return [m / s for m, s in zip(self.inliers, self.scales, strict=True)]
+
+
 def fit(
     views: Sequence[View],
     board: Board,
@@ -180,7 +208,7 @@ def fit(
     model: int = 5,
     shape: Shape = "warp",
     start: State | None = None,
-    inliers: Sequence[NDArray[np.bool_]] | None = None,
+    belief: Belief | None = None,
 ) -> Fit:
     """Fit `model` distortion coefficients and the board's `shape` to all `views`.
 
@@ -190,60 +218,100 @@ def fit(
         model: 0, 4, 5 or 8 distortion coefficients.
         shape: deviation of the board that is solved for.
         start: state to start from, its numbers cut or padded with zeros as needed.
-        inliers: corners to believe; given, nothing is rejected anew.
+        belief: of another fit; given, nothing is judged anew.
 
     Raises:
         CalibrationError: no start value can be found.
     """
-    basis = shape_basis(board, shape)
-    if start is None:
-        start = first_guess(views, board)
-    state = _resized(start, model, shape_size(board, shape))
-    decided = inliers is not None
-    masks = list(inliers) if inliers is not None else [np.ones(len(v.ids), bool) for v in views]
-    counts = [len(v.ids) for v in views]
-    problem = _Intrinsics(views, [m.astype(float) for m in masks], board.points, basis,
-                          shape == "free")  # fmt: skip
-    if not decided:
+    state = _resized(start or first_guess(views, board), model, shape_size(board, shape))
+    every = Belief(tuple(np.ones(len(v.ids), bool) for v in views), np.ones(len(views)))
+    problem = _Intrinsics(
+        views, (belief or every).weights, board.points, shape_basis(board, shape), shape == "free"
+    )
+    if belief is None:
         for _ in range(4):
-            distance = np.linalg.norm(problem.residual(state), axis=1)
-            c = CAUCHY * max(_robust_sigma(distance), 0.02)
-            weight = 1.0 / np.sqrt(1.0 + (distance / c) ** 2)
-            problem = dataclasses.replace(problem, weights=np.split(weight, np.cumsum(counts)[:-1]))
+            weights = _doubt(problem.residual(state), views)
+            problem = dataclasses.replace(problem, weights=weights)
             state, _ = solve(problem, state, iterations=15, tolerance=1e-5)
-    solution: Solution
-    for _ in range(1 if decided else 8):
-        if not decided:
-            distance = np.linalg.norm(problem.residual(state), axis=1)
-            limit = REJECT_SIGMA * max(_robust_sigma(distance), 0.01)
-            new = np.split(distance <= limit, np.cumsum(counts)[:-1])
-            new = [m & (m.mean() >= MIN_KEPT) for m in new]
-            if all((a == b).all() for a, b in zip(new, masks, strict=True)) and _ > 0:
+    believed = belief or every
+    for n in range(1 if belief is not None else 8):
+        if belief is None:
+            new = _judge(problem.residual(state), views, believed)
+            same = all((a == b).all() for a, b in zip(new.inliers, believed.inliers, strict=True))
+            if n > 1 and same:
                 break
-            masks = new
-        problem = dataclasses.replace(problem, weights=[m.astype(float) for m in masks])
+            believed = new
+        problem = dataclasses.replace(problem, weights=believed.weights)
         state, solution = solve(problem, state)
+    return _fitted(problem, state, solution, believed, views, shape)
+
+
+def _fitted(
+    problem: _Intrinsics,
+    state: State,
+    solution: Solution,
+    belief: Belief,
+    views: Sequence[View],
+    shape: Shape,
+) -> Fit:
     residual = problem.residual(state)
-    kept = np.concatenate(masks)
-    dof = 2 * kept.sum() - state.parameters.size - 6 * sum(m.any() for m in masks)
-    dof -= 0 if shape == "free" else state.shape.size
+    kept, w = np.concatenate(belief.inliers), np.concatenate(belief.weights)
+    dof = 2 * kept.sum() - state.parameters.size - 6 * sum(m.any() for m in belief.inliers)
+    # A prior holds a free board, about a fifth of whose numbers are really free of the data.
+    dof -= 0.8 * state.shape.size if shape == "free" else state.shape.size
     if dof < 10:
         raise CalibrationError(
             f"{kept.sum()} usable corners in {len(views)} pictures are too few; take more pictures"
         )
-    variance = float((residual[kept] ** 2).sum() / dof)
-    if shape == "free":
-        variance *= dof / max(dof - 0.8 * min(state.shape.size, dof - 1), 1.0)
+    variance = float(((residual * w[:, None]) ** 2).sum() / dof)
     return Fit(
         state=state,
         board_shape=shape,
         views=tuple(views),
-        inliers=tuple(masks),
-        residuals=tuple(np.split(-residual, np.cumsum(counts)[:-1])),
+        inliers=belief.inliers,
+        scales=belief.scales,
+        residuals=tuple(_by_view(-residual, views)),
         sigma=float(np.sqrt(variance)),
         covariance=variance * inverse_information(solution.information),
         converged=solution.converged,
     )
+
+
+def _doubt(residual: Float, views: Sequence[View]) -> list[Float]:
+    """Square roots of Cauchy weights; noise is judged view by view."""
+    distance = np.linalg.norm(residual, axis=1)
+    usual = max(_robust_sigma(distance), 0.02)
+    result = []
+    for d in _by_view(distance, views):
+        c = CAUCHY * usual * _scale(d, usual)
+        result.append(1.0 / np.sqrt(1.0 + (d / c) ** 2) / _scale(d, usual))
+    return result
+
+
+def _judge(residual: Float, views: Sequence[View], before: Belief) -> Belief:
+    """Corners within a few sigma of their view's noise, and that noise."""
+    distance = np.linalg.norm(residual, axis=1)
+    usual = max(_robust_sigma(distance), 0.01)
+    inliers, scales = [], []
+    for d, m in zip(_by_view(distance, views), before.inliers, strict=True):
+        scale = _scale(d[m] if m.any() else d, usual)
+        good = d <= REJECT_SIGMA * usual * scale
+        inliers.append(good & (good.mean() >= MIN_KEPT if len(good) else False))
+        scales.append(scale)
+    return Belief(tuple(inliers), np.array(scales))
+
+
+def _scale(distance: Float, usual: float) -> float:
+    """Noise of one view over the usual, drawn towards 1 where a view has few corners."""
+    if len(distance) == 0:
+        return 1.0
+    ratio = _robust_sigma(distance) / usual
+    n = len(distance)
+    return float(np.clip(np.sqrt((n * ratio**2 + SHRINK) / (n + SHRINK)), *SCALES))
+
+
+def _by_view(values: Float, views: Sequence[View]) -> list[Float]:
+    return np.split(values, np.cumsum([len(v.ids) for v in views])[:-1])
 
 
 def fit_pose(

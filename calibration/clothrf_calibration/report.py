@@ -108,6 +108,7 @@ def _uncertainty(
         shape,
         tuple(views),
         tuple(np.ones(len(v.ids), bool) for v in views),
+        np.ones(len(views)),
         tuple(residuals),
         float(tables.get("residuals", {}).get("sigma_px", 0.2)),
         whole,

@@ -172,14 +172,14 @@ def test_twenty_views_with_a_fifth_of_a_pixel_of_noise_give_a_tenth_of_a_millime
     assert np.median(errors[:, 1]) < 0.02
 
 
-@pytest.mark.parametrize("setup", ["fixed", "hand"])
 @pytest.mark.parametrize(("mm", "deg"), [(0.0, 0.0), (0.5, 0.1)])
 @pytest.mark.slow
-def test_the_stated_uncertainty_of_the_pose_is_right(setup: str, mm: float, deg: float) -> None:
+@pytest.mark.timeout(600)
+def test_the_stated_uncertainty_of_the_pose_is_right(mm: float, deg: float) -> None:
     inside, errors = 0, []
 
     for seed in range(100):
-        r = rig(seed, setup=setup, robot_mm=mm, robot_deg=deg)
+        r = rig(seed, setup=("fixed", "hand")[seed % 2], robot_mm=mm, robot_deg=deg)
         problem, C = problem_of(r)
         _, (X, Z), _ = best_start(problem, C)
         result, _ = refine_with_noise(problem, X, Z)

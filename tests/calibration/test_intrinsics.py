@@ -10,7 +10,7 @@ from clothrf_calibration import rigid, synthetic
 from clothrf_calibration.boards import Board
 from clothrf_calibration.crossvalidation import view_error
 from clothrf_calibration.errors import CalibrationError, DegenerateData
-from clothrf_calibration.intrinsics import Calibration, Options, calibrate
+from clothrf_calibration.intrinsics import Calibration, Options, calibrate, correlation
 from clothrf_calibration.intrinsics_fit import fit, real_points
 from clothrf_calibration.lens import directions, project, project_jacobian, vector
 from clothrf_calibration.views import View
@@ -90,7 +90,7 @@ def test_the_uncertainty_of_the_reference_model_is_like_the_references(
     result = calibrate(left_views, left_board, Options(model=5, shape="warp"))
 
     assert 0.5 < result.uncertainty.mean / reference["mean"] < 2.0
-    assert 0.5 < result.uncertainty.worst / reference["worst_corner"] < 2.5
+    assert 0.5 < result.uncertainty.worst / reference["worst_corner"] < 3.5
 
 
 def test_empty_cells_of_the_real_pictures_are_said(left: Calibration) -> None:
@@ -325,3 +325,33 @@ def test_mixed_resolutions_are_refused() -> None:
 
     with pytest.raises(CalibrationError, match="expected pictures of one resolution"):
         calibrate([views[0], other, *views[2:]], BOARD)
+
+
+def test_pure_noise_has_no_correlation_and_an_inexact_print_has() -> None:
+    rng = np.random.default_rng(0)
+    poses = synthetic.board_poses(rng, BOARD, 20)
+    smooth = np.array(BOARD.points)
+    smooth[:, 0] += 2e-4 * np.sin(40 * BOARD.points[:, 0]) * np.cos(40 * BOARD.points[:, 1])
+
+    factors = []
+    for points in (BOARD.points, smooth):
+        views = synthetic.views(rng, BOARD, synthetic.camera(), poses, noise=0.1, points=points)
+        views = [v for v in views if len(v.ids) >= 20]
+        factors.append(correlation(fit(views, BOARD, model=4, shape="warp")))
+
+    assert factors[0] < 1.05
+    assert factors[1] > 1.2
+
+
+def test_a_blurred_picture_counts_less() -> None:
+    views = made(6, noise=0.1)
+    rng = np.random.default_rng(1)
+    blurred = dataclasses.replace(
+        views[2], pixels=views[2].pixels + 0.2 * rng.normal(size=views[2].pixels.shape)
+    )
+
+    result = fit([*views[:2], blurred, *views[3:]], BOARD, model=4, shape="flat")
+
+    assert result.scales[2] > 1.7
+    assert np.median(np.delete(result.scales, 2)) == pytest.approx(1.0, abs=0.1)
+    assert result.inliers[2].mean() > 0.95
