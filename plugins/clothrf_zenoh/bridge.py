@@ -3,7 +3,7 @@
 Each 4 ms, `Bridge.tick` gives one posture, and there is no other way to the robot:
 
     command ── check_sender ── check_command ──> newest command
-    newest command ── pursuit ── limiter (speed, acceleration, jerk) ──> candidate
+    newest command ── pursue ── limiter (speed, acceleration, jerk) ──> candidate
     candidate ── check_motion ── check_grippers ── check_clearance ──> output
 
 A command that fails is refused, counted and, if it came from the armed client, stops the arms along
@@ -62,19 +62,19 @@ class Tally:
 
 @dataclass(slots=True)
 class _Newest:
-    """The newest accepted command of the present grant, and how it is pursued.
+    """The newest accepted command of the present grant.
 
     Attributes:
         q: (J,) commanded posture, rad.
-        ahead: (J,) from there to where the client's own motion would end, rad.
-        reach: (J,) how far the pursuit may go in one tick, rad.
+        angles: the same as plain numbers.
+        speeds: J commanded speeds, rad/s.
         stamp_ns: the client's wall clock.
         mono_ns: when it was accepted.
     """
 
     q: Float
-    ahead: Float
-    reach: Float
+    angles: list[float]
+    speeds: list[float]
     stamp_ns: int
     mono_ns: int
 
@@ -119,7 +119,7 @@ class Bridge:
         self._limiter: JointLimiter | None = None
         self._output: tuple[Float, Float] | None = None
         self._points = np.zeros((2, 3))
-        self._pursued = np.zeros(len(bounds.names))
+        self._pursued: list[float] = []
         self._measured: Float | None = None
         self._last_tick_ns: int | None = None
         self._since_look = 0
@@ -163,10 +163,11 @@ class Bridge:
             self.tally.lost += sender.sequence - self._sequence - 1
         self._sequence = sender.sequence
         self.tally.accepted += 1
-        ahead, reach = checks.pursuit(command.velocities, self.bounds)
         if newest is None or now.mono_ns - newest.mono_ns > self._pause_ns:
-            self._pursued = present
-        self._newest = _Newest(q, ahead, reach, sender.stamp_ns, now.mono_ns)
+            self._pursued = present.tolist()
+        self._newest = _Newest(
+            q, q.tolist(), command.velocities.tolist(), sender.stamp_ns, now.mono_ns
+        )
         self._go(Event.COMMAND)
         return None
 
@@ -325,14 +326,10 @@ class Bridge:
         assert self._output is not None
         newest = self._newest
         if self.state is State.RUNNING and newest is not None:
-            way = newest.q - self._pursued
-            step = np.minimum(np.maximum(way, -newest.reach), newest.reach)
-            self._pursued = self._pursued + step
-            lead = newest.ahead
-            left = np.abs(way - step)
-            if left.any():
-                lead = lead * checks.share_of_lead(left, newest.reach)
-            q, qd, qdd = limiter.tick(self._pursued + lead)
+            self._pursued, target = checks.pursue(
+                self._pursued, newest.angles, newest.speeds, self.bounds
+            )
+            q, qd, qdd = limiter.tick(target)
         else:
             q, qd, qdd = limiter.stop()
         bounds = self.bounds

@@ -118,6 +118,8 @@ def test_a_silent_controller_lets_go_of_the_lease(shared):
         drive(machine, here, 0.2)
         until(lambda: eye.poll() is None or eye.status.get("state") == "HOLD", what="HOLD")
 
+        until(lambda: machine.status()["bridge"] == "HOLD", what="news")
+
         assert "lease" in eye.status["reason"]
         held = machine.send(RobotCommand(99, time.monotonic_ns(), 0.3, here)).held
         assert held.startswith("bridge HOLD")
