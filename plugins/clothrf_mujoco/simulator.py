@@ -32,6 +32,7 @@ class FlexSimulator(Simulator):
         self._compiled: OrderedDict[Hashable, Flex] = OrderedDict()
         self._stepper: Stepper | None = None
         self._size = (0.0, 0.0)
+        self._drag = 0.0
         self._time = 0.0
 
     @override
@@ -41,11 +42,9 @@ class FlexSimulator(Simulator):
         start = hung(cloth.mesh.rest, corners)
         start += rng.normal(scale=JITTER, size=start.shape)
         self._stepper = Stepper(cloth, self._options, start, corners)
-        self._size, self._time = params.size, 0.0
-        drag = params.fabric.drag
+        self._size, self._drag, self._time = params.size, params.fabric.drag, 0.0
         for _ in range(int(np.ceil(params.settle_s / SETTLE_STEP - 1e-9))):
-            self._stepper.advance(corners, SETTLE_STEP, drag=drag + SETTLE_DRAG)
-        self._drag = drag
+            self._stepper.advance(corners, SETTLE_STEP, drag=self._drag + SETTLE_DRAG)
         return self._state(self._stepper)
 
     @override

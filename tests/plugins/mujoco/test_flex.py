@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -20,17 +18,17 @@ NOWHERE = np.zeros((2, 3))
 
 
 def cloth(fabric: Fabric = FABRIC, **changes: object):
-    params = SimulationParams(
-        hands=NOWHERE, grasp=NOWHERE, resolution=(5, 6), fabric=fabric, **changes
-    )
+    values = {"hands": NOWHERE, "grasp": NOWHERE, "resolution": (5, 6), **changes}
+    params = SimulationParams(fabric=fabric, **values)
     return flex(params, FlexOptions(taut=1.0))
 
 
-def pull(strained, f):
-    """(V, 3) elastic forces of the sheet with every vertex at `strained` (V, 2)."""
+def pull(strained, f, height=0.0):
+    """(V, 3) elastic forces of the sheet with every vertex at `strained` (V, 2) and `height`."""
     data = mujoco.MjData(f.model)
     f.model.opt.gravity[:] = 0.0
     at = np.concatenate([strained, np.zeros((len(strained), 1))], axis=1)
+    at[:, 2] = height
     data.qpos[:] = (at - f.flat).ravel()
     mujoco.mj_forward(f.model, data)
     return data.qfrc_passive.reshape(-1, 3)
@@ -85,11 +83,25 @@ def test_an_isotropic_fabric_gets_the_matrix_that_mujoco_itself_compiles():
     assert np.allclose(ours[np.triu_indices(3)], model.flex_stiffness[:6], rtol=1e-9)
 
 
-def test_bending_energy_grows_with_the_fabric_s_stiffness():
-    soft, stiff = cloth(), cloth(replace(FABRIC, bending=10 * FABRIC.bending))
+@pytest.mark.parametrize(
+    ("shape", "squared"),
+    [
+        (lambda u, v: 0.5 * u * u, 1.0),
+        (lambda u, v: 0.5 * v * v, 1.0),
+        (lambda u, v: u * v, 2.0),
+    ],
+    ids=["about v", "about u", "twist"],
+)
+def test_curvature_and_twist_cost_what_the_bending_stiffness_says(shape, squared):
+    limp = Fabric(stretch_warp=1e-12, stretch_weft=1e-12, shear=0.0, bending=1e-3, damping=0.0)
+    f = cloth(limp, resolution=(21, 24))
+    z = shape(*f.mesh.rest.T)
 
-    assert np.abs(soft.model.flex_bending).max() > 0.0
-    assert np.allclose(stiff.model.flex_bending, 10 * soft.model.flex_bending)
+    forces = pull(f.mesh.rest, f, z)
+
+    # Half the stiffness times the squared second derivatives; flaps end half a cell from a border.
+    wanted = 0.5 * 1e-3 * squared * 0.30 * 0.35
+    assert -0.5 * z @ forces[:, 2] == pytest.approx(wanted, rel=0.06)
 
 
 def test_the_sheet_weighs_what_its_density_says():
