@@ -23,7 +23,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from clothrf_core.errors import ClothrfError
 from clothrf_core.interfaces import ArmModel, JointLimiter
 from clothrf_core.types import Float
 from clothrf_zenoh import checks
@@ -287,8 +286,9 @@ class Bridge:
         if self._limiter is not None and (self.state is State.RUNNING or not self.at_rest):
             try:
                 self._move(self._limiter)
-            except ClothrfError as error:
-                self._fail(Refusal(Reason.INTERNAL, "limiter", "a motion", str(error)))
+            except Exception as error:  # noqa: BLE001  whatever fails, the arms hold
+                found = f"{type(error).__name__}: {error}"
+                self._fail(Refusal(Reason.INTERNAL, "motion", "an output", found))
         return self._output
 
     @property

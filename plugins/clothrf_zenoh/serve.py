@@ -81,10 +81,14 @@ class Server:
         self._wire.answer(self._handle)
         for attachment, payload in self._wire.commands():
             self.bridge.receive(attachment, payload, now)
-        measured = self._end.measured()
-        output = self.bridge.tick(now, measured)
-        if output is not None:
-            self._end.put(*output)
+        try:
+            measured = self._end.measured()
+            output = self.bridge.tick(now, measured)
+            if output is not None:
+                self._end.put(*output)
+        except ClothrfError as error:
+            logger.error("bridge: the robot's end failed: %s", error)
+            measured = self.bridge.tick(now, None)
         ticks = self.pace.ticks
         if measured is not None and ticks % self._state_every == 0:
             state = JointState(now.wall_ns, "", self._names, *measured)

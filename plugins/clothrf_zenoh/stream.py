@@ -72,7 +72,7 @@ class Stream:
         self._seen = 0
         self._sent = 0
         self._refused = 0
-        self._armed_ns = 0
+        self._armed_at = 0
         self._renewed_ns = 0
         self._measured_ns = 0
         self._grasp = np.zeros((2, 3))
@@ -98,11 +98,11 @@ class Stream:
             self.done = leave
             return
         self._follow(self._follower, wish, now, leave=leave)
-        alive_ns = max(wish.sent_ns, self._armed_ns)
+        # Before its first command a controller may take its time: the arms stand still.
+        waiting = wish.number == self._armed_at
+        alive = waiting or now - wish.sent_ns < 1e9 * self._config.deadman_s
         lease_ns = int(1e9 * self._config.lease_s)
-        if now - alive_ns < 1e9 * self._config.deadman_s and (
-            now - self._renewed_ns > lease_ns // RENEWALS_PER_LEASE
-        ):
+        if alive and now - self._renewed_ns > lease_ns // RENEWALS_PER_LEASE:
             self._renewed_ns = now
             client.renew()
         if leave and self._follower.at_rest:
@@ -123,8 +123,8 @@ class Stream:
                 tcp_speed=self._config.tcp_speed,
                 max_step=self._config.max_step,
             )
-            self._armed_ns = self._renewed_ns = now
-            self._seen = wish.number
+            self._renewed_ns = now
+            self._seen = self._armed_at = wish.number
             self._why = ""
         except ClothrfError as error:
             self._why = str(error)

@@ -45,14 +45,14 @@ def bridge(port, **limits):
     return BridgeProcess(bridge_tables(port, **limits), folder=Path(), registry=crane_registry)
 
 
-def robot(port, *, connect_timeout_s=5.0, **options):
+def robot(port, *, connect_timeout_s=5.0, lease_s=1.5, deadman_s=1.0, **options):
     config = YumiZenohConfig(
         arm={"plugin": "crane"},
         zenoh=ZenohSection(
             connect=[f"tcp/127.0.0.1:{port}"], lease_s=2.0, connect_timeout_s=connect_timeout_s
         ),
-        lease_s=1.5,
-        deadman_s=1.0,
+        lease_s=lease_s,
+        deadman_s=deadman_s,
         realtime_priority=0,
         **options,
     )

@@ -453,7 +453,7 @@ class LyingLimiter:
 
 class FailingLimiter(LyingLimiter):
     def tick(self, target):
-        raise RefusedTarget("no")
+        raise self._motion[0]
 
 
 @pytest.mark.parametrize(
@@ -465,7 +465,8 @@ class FailingLimiter(LyingLimiter):
         LyingLimiter(ZERO, bad_q(3, 1.6), ZERO),
         LyingLimiter(ZERO, bad_q(3, 0.5), ZERO),
         LyingLimiter(ZERO, ZERO, bad_q(3, 21.0)),
-        FailingLimiter(),
+        FailingLimiter(RefusedTarget("no")),
+        FailingLimiter(ZeroDivisionError("a bug")),
     ],
 )
 def test_an_impossible_output_is_never_sent_and_ends_in_a_fault(running, limiter):

@@ -125,6 +125,13 @@ def test_a_silent_controller_lets_go_of_the_lease(shared):
         assert held.startswith("bridge HOLD")
 
 
+def test_a_controller_may_take_its_time_before_the_first_command(shared):
+    with robot(shared, lease_s=1.0, deadman_s=0.2) as machine:
+        time.sleep(1.6)
+
+        assert machine.status()["stream"] == "streaming"
+
+
 def test_after_a_stop_only_arming_again_moves_the_arms(shared):
     with client(shared) as eye, robot(shared) as machine:
         here = machine.state().positions
@@ -198,7 +205,7 @@ def test_a_flood_over_the_wire_is_refused_and_memory_stays_flat(port):
         outlet, epoch = attacker._commands, int(attacker.ask("status").epoch)
         codec = JointTrajectoryCodec(ARM.joint_names)
         sizes = []
-        for i in range(6000):
+        for i in range(3000):
             kind = i % 4
             payload = rng.bytes(int(rng.integers(0, 60_000 if kind == 0 else 700)))
             if kind == 1:
@@ -206,13 +213,13 @@ def test_a_flood_over_the_wire_is_refused_and_memory_stays_flat(port):
             outlet.put(payload, wall_ns())
             if i % 30 == 0:
                 drive(machine, HOME, 0.034)
-            if i in (2000, 5999):
+            if i in (1000, 2999):
                 sizes.append(resident_kb(far.pid))
         status = attacker.ask("status").status
 
         assert not machine.status()["why"] or "watchdog" in machine.status()["why"]
         assert np.allclose(machine.state().positions, HOME, atol=1e-9)
-    assert int(status["refused.foreign_publisher"]) > 1000
+    assert int(status["refused.foreign_publisher"]) > 500
     assert sizes[1] - sizes[0] < 8_000
 
 
