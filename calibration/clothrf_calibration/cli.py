@@ -36,9 +36,11 @@ from clothrf_calibration.collect import collect as collect_pictures
 from clothrf_calibration.coverage import meter
 from clothrf_calibration.errors import CalibrationError
 from clothrf_calibration.handeye import hand_eye
+from clothrf_calibration.handeye_points import fit_points
 from clothrf_calibration.handeye_poses import fit_poses, held_out_poses
 from clothrf_calibration.images import find_images, read_counts
 from clothrf_calibration.intrinsics import Options, calibrate
+from clothrf_calibration.intrinsics_fit import fit_pose
 from clothrf_calibration.posefile import Poses, match, read_poses
 from clothrf_calibration.practice import PracticeCamera
 from clothrf_calibration.report import report as report_page
@@ -234,6 +236,13 @@ def extrinsics(
         result["warnings"] = {**tables.get("warnings", {}), "extrinsics": list(shot.warnings)}
     else:
         found = read_poses(poses or pictures / "poses.csv")
+        if found.positions_only:
+            result = _from_positions(
+                found, loaded.views, points, parameters, tables, str(pictures), setup
+            )
+            write_tables(out, result, replace=replace)
+            _show_extrinsics(result, out)
+            return
         with _bar() as bar:
             task = bar.add_task("solving", total=8)
             solved = hand_eye(
@@ -370,6 +379,35 @@ def _from_pairs(path: Path, setup: str) -> None:
               f"{result.turn[n]:.2f} degrees)")  # fmt: skip
 
 
+def _from_positions(
+    found: Poses, views: list[View], points: Float, parameters: Float, tables: dict[str, Any],
+    pictures: str, setup: str,
+) -> dict[str, Any]:  # fmt: skip
+    if setup != "fixed":
+        raise CalibrationError(
+            "positions alone place a standing camera only; a camera on the hand needs full poses"
+        )
+    p = match(found, [v.name for v in views])[:, :3, 3]
+    C = np.stack([fit_pose(parameters, points, v)[0] for v in views])
+    solved = fit_points(p, C)
+    result = dict(tables)
+    result["camera"] = {**tables["camera"], "T_world_camera": solved.T_base_camera.tolist()}
+    result["extrinsics"] = {
+        **provenance(_command(), pictures=pictures),
+        "method": "gripper positions without rotations",
+        "T_base_camera": solved.T_base_camera.tolist(),
+        "gripper_in_board": solved.point.tolist(),
+        "covariance": solved.covariance.tolist(),
+        "sd_mm": 1e3 * float(np.sqrt(np.trace(solved.covariance[3:, 3:]))),
+        "sd_deg": float(np.degrees(np.sqrt(np.trace(solved.covariance[:3, :3])))),
+        "fit_mm": float(np.sqrt((solved.residual_mm**2).mean())),
+        "held_out_positions_mm": float(np.sqrt((solved.held_out_mm**2).mean())),
+        "views": len(views),
+    }
+    result["warnings"] = {**tables.get("warnings", {}), "extrinsics": list(solved.warnings)}
+    return result
+
+
 def _check(section: CameraSection, backends: list[str] | None, poses: int) -> None:
     registry = Registry.installed()
     model = section.model()
@@ -419,13 +457,13 @@ def _guidance(state: CollectProgress) -> Group:
 
 
 def _robot_pose(arms: Any, gripper: int, name: str) -> Callable[[], Float]:
-    if not isinstance(arms, PosedRobot):
-        raise CalibrationError(
-            f"robot '{name}' tells where its grippers are but not how they are turned, which "
-            "hand-eye calibration needs; write its poses into a file and pass --poses to "
-            "`extrinsics`"
-        )
-    return lambda: np.asarray(arms.poses(), float)[gripper]
+    if isinstance(arms, PosedRobot):
+        return lambda: np.asarray(arms.poses(), float)[gripper]
+    _warn(
+        f"robot '{name}' tells where its grippers are but not how they are turned: only positions "
+        "are written down, which makes the result several times less exact"
+    )
+    return lambda: np.asarray(arms.state().positions, float)[gripper]
 
 
 def _board(text: str, folder: Path) -> Board:
@@ -605,7 +643,8 @@ def _show_extrinsics(tables: dict[str, Any], out: Path) -> None:
     e = tables["extrinsics"]
     for name in (k for k in e if k.startswith("T_")):
         _say(f"{name} =\n{np.array2string(np.array(e[name]), precision=6, suppress_small=True)}")
-    _say(f"camera pose +- {e['sd_mm']:.2f} mm, {e['sd_deg']:.4f} degrees; fit {e['rms_px']:.3f} px")
+    fit = f"{e['rms_px']:.3f} px" if "rms_px" in e else f"{e['fit_mm']:.2f} mm"
+    _say(f"camera pose +- {e['sd_mm']:.2f} mm, {e['sd_deg']:.4f} degrees; fit {fit}")
     if "held_out_mm" in e:
         _say(
             f"held out: {e['held_out_px']:.3f} px, {e['held_out_mm']:.2f} ± "

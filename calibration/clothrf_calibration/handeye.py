@@ -191,6 +191,7 @@ def _hand_eye(
     scale = measured_scale(problem, result, noise)
     rms = view_rms(problem, result)
     px, mm, deg = held_out(problem, result, noise, tell)
+    tell("solved", 8, 8)
     say += _warnings(scale, sigma, rms, px, noise, dropped, turned, result, board)
     return HandEye(
         setup=setup,

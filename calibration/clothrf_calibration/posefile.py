@@ -1,7 +1,8 @@
 """Robot poses from a file: positions in metres, rotations in radians, checked for plausibility.
 
 CSV with a header: ``name`` (optional), ``x,y,z`` and one of ``qx,qy,qz,qw`` (quaternion),
-``rx,ry,rz`` (rotation vector) or ``roll,pitch,yaw`` (fixed axes x, y, z). JSON: a list of 4 x 4
+``rx,ry,rz`` (rotation vector) or ``roll,pitch,yaw`` (fixed axes x, y, z); or none of these, where
+the robot tells positions only. JSON: a list of 4 x 4
 matrices, an object name -> matrix, or a list of pairs [T_base_gripper, T_camera_board].
 """
 
@@ -33,12 +34,14 @@ class Poses:
         T_base_gripper: (V, 4, 4).
         T_camera_board: (V, 4, 4) where the file holds pairs, else None.
         notes: what was put right, one line each.
+        positions_only: the rotations are unknown and stand as identities.
     """
 
     names: tuple[str, ...]
     T_base_gripper: Float
     T_camera_board: Float | None = None
     notes: tuple[str, ...] = ()
+    positions_only: bool = False
 
 
 def read_poses(path: Path) -> Poses:
@@ -99,6 +102,8 @@ def _csv(path: Path) -> Poses:
         raise CalibrationError(f"{path}: expected rows of poses under a header, found none")
     header = [c for c in rows[0] if c is not None]
     form = next((f for f in (QUATERNION, VECTOR, ANGLES) if set(f) <= set(header)), None)
+    if set(header) in ({"name", "x", "y", "z"}, {"x", "y", "z"}):
+        return _positions(path, rows)
     if form is None or not {"x", "y", "z"} <= set(header):
         raise CalibrationError(
             f"{path}: expected the columns x,y,z and qx,qy,qz,qw or rx,ry,rz or roll,pitch,yaw, "
@@ -126,6 +131,18 @@ def _csv(path: Path) -> Poses:
     else:
         T[:, :3, :3] = _of_angles(turn)
     return Poses(tuple(r["name"] for r in rows) if "name" in header else (), T, None, notes)
+
+
+def _positions(path: Path, rows: list[dict[str, str]]) -> Poses:
+    try:
+        t = np.array([[float(r[c]) for c in ("x", "y", "z")] for r in rows])
+    except (TypeError, ValueError) as error:
+        raise CalibrationError(f"{path}: expected numbers in every row ({error})") from error
+    _refuse_units(path, t, None)
+    T = np.tile(np.eye(4), (len(rows), 1, 1))
+    T[:, :3, 3] = t
+    names = tuple(r["name"] for r in rows) if "name" in rows[0] else ()
+    return Poses(names, T, positions_only=True)
 
 
 def _json(path: Path) -> Poses:

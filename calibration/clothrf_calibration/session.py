@@ -7,7 +7,8 @@
     0001_color.png        colour
     0001_depth.png        16-bit depth, if the camera has depth
     stamps.csv            name,stamp_ns
-    poses.csv             name,x,y,z,qx,qy,qz,qw   gripper in the robot's base, if there is a robot
+    poses.csv             name,x,y,z,qx,qy,qz,qw   gripper in the robot's base, if there is a robot;
+                          name,x,y,z where the robot tells positions only
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ from clothrf_core.files import atomic_write
 from clothrf_core.types import Float, RgbdFrame
 
 POSES_HEADER = "name,x,y,z,qx,qy,qz,qw\n"
+POSITIONS_HEADER = "name,x,y,z\n"
 STAMPS_HEADER = "name,stamp_ns\n"
 
 
@@ -55,7 +57,12 @@ class Session:
         return len(list(self.folder.glob("*_color.png")))
 
     def add(self, frame: RgbdFrame, T_base_gripper: Float | None = None) -> str:
-        """Keep a picture and the pose it was taken at; returns its name."""
+        """Keep a picture and the pose it was taken at; returns its name.
+
+        Args:
+            frame: the picture.
+            T_base_gripper: (4, 4), or (3,) where the robot tells positions only.
+        """
         name = f"{self._next:04d}"
         self._next += 1
         if np.isfinite(frame.depth).any():
@@ -66,7 +73,7 @@ class Session:
             )
         self._append("stamps.csv", STAMPS_HEADER, f"{name},{frame.stamp_ns}\n")
         if T_base_gripper is not None:
-            self._append("poses.csv", POSES_HEADER, csv_line(name, T_base_gripper))
+            self._keep_pose(name, T_base_gripper)
         self._keep_camera(frame)
         # The colour picture comes last: where it is, everything else is there.
         write_png(self.folder / f"{name}_color.png", np.asarray(frame.rgb))
@@ -75,7 +82,19 @@ class Session:
     def _append(self, file: str, header: str, line: str) -> None:
         path = self.folder / file
         before = path.read_text(encoding="utf-8") if path.exists() else header
+        if not before.startswith(header):
+            raise CalibrationError(
+                f"{path}: expected the columns {header.strip()}, found "
+                f"{before.partition(chr(10))[0]}; take another folder"
+            )
         atomic_write(path, (before + line).encode())
+
+    def _keep_pose(self, name: str, pose: Float) -> None:
+        if pose.shape == (3,):
+            line = ",".join([name, *(f"{float(n):.9g}" for n in pose)]) + "\n"
+            self._append("poses.csv", POSITIONS_HEADER, line)
+        else:
+            self._append("poses.csv", POSES_HEADER, csv_line(name, pose))
 
     def _keep_camera(self, frame: RgbdFrame) -> None:
         path = self.folder / "camera.toml"

@@ -226,6 +226,38 @@ def test_a_board_at_a_measured_place_gives_the_camera(work: Path, tmp_path: Path
     assert "30 of the same board average the noise out" in output
 
 
+def test_gripper_positions_alone_place_a_standing_camera(work: Path, tmp_path: Path) -> None:
+    poses = tmp_path / "positions.csv"
+    lines = (work / "cal" / "poses.csv").read_text().splitlines()
+    poses.write_text("\n".join(",".join(line.split(",")[:4]) for line in lines) + "\n")
+    true = np.array(tomllib.loads(RIG.read_text())["camera"]["T_world_camera"])
+
+    output = run("extrinsics", work / "cal", "--camera", work / "a.camera.toml", "--poses", poses,
+                 "--out", tmp_path / "p.camera.toml")  # fmt: skip
+
+    T = np.array(read_camera_file(tmp_path / "p.camera.toml").T_world_camera)
+    assert 1e3 * np.linalg.norm(T[:3, 3] - true[:3, 3]) < 5.0
+    assert "solved from gripper positions only" in output
+
+
+def test_a_robot_plugin_that_tells_positions_only_is_written_down(
+    tmp_path: Path, work: Path
+) -> None:
+    session = Session(tmp_path / "s", parse_board(BOARD))
+    frame = RgbdFrame(
+        stamp_ns=1,
+        rgb=np.zeros((480, 640, 3), np.uint8),
+        depth=np.full((480, 640), np.nan, np.float32),
+        camera=synthetic.camera(),
+    )
+
+    session.add(frame, np.array([0.1, 0.2, 0.3]))
+
+    assert (tmp_path / "s" / "poses.csv").read_text() == "name,x,y,z\n0001,0.1,0.2,0.3\n"
+    with pytest.raises(CalibrationError, match="take another folder"):
+        session.add(frame, np.eye(4))
+
+
 def test_a_place_in_millimetres_is_refused(work: Path, tmp_path: Path) -> None:
     message = refused("extrinsics", work / "cal", "--camera", work / "b.camera.toml",
                       "--place", "400,0,100,0,0,1.57", "--out", tmp_path / "s.toml")  # fmt: skip
