@@ -70,7 +70,7 @@ def test_an_isotropic_fabric_gets_the_matrix_that_mujoco_itself_compiles():
             diaginertia="1 1 1"/></body>
         </worldbody><deformable><flex name="f" dim="2" body="a b c" element="0 1 2">
         <contact selfcollide="none"/>
-        <elasticity young="1e6" poisson="0" thickness="1e-3" elastic2d="stretch"/>
+        <elasticity young="1e6" poisson="0" thickness="1e-3" damping="1" elastic2d="both"/>
         </flex></deformable></mujoco>"""
     )
     wanted = {tuple(np.abs(e).round(9)): i for i, e in enumerate(edges)}
