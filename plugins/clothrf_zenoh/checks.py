@@ -111,11 +111,16 @@ class Grant:
         gid: 16-byte id of the armed publisher.
         epoch: number of this grant; its commands carry it.
         offset_ns: this machine's wall clock minus the client's, at arming.
+        frame_id: what the commands of this grant carry.
     """
 
     gid: bytes
     epoch: int
     offset_ns: int
+    frame_id: str = field(init=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "frame_id", epoch_frame(self.epoch))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -141,8 +146,9 @@ class Bounds:
         start_joint: first command's distance from the present posture, rad.
         start_tcp: the same at the grippers, m.
         following: greatest distance between sent and measured posture, rad.
-        rows: (lower, upper, velocity, acceleration) of each joint, as plain numbers: for a row of
-            14, a loop is faster than numpy's calls.
+        command_rows: (lower, upper, velocity) of each joint, as plain numbers: for a row of 14 a
+            loop is faster than numpy's calls.
+        motion_rows: (lower, upper, most speed, step, acceleration, speed step) of each joint.
         cruising: a^2/j, 1/(2 a), a/(2 j), 1/j of each joint with a = cruise, for `pursue`.
         stopping: the same four with a = acceleration, (J,) each, for `stopping_point`.
     """
@@ -165,19 +171,25 @@ class Bounds:
     start_joint: float
     start_tcp: float
     following: float
-    rows: tuple[tuple[float, float, float, float], ...] = field(init=False, repr=False)
-    cruising: tuple[tuple[float, float, float, float], ...] = field(init=False, repr=False)
+    command_rows: tuple[tuple[float, ...], ...] = field(init=False, repr=False)
+    motion_rows: tuple[tuple[float, ...], ...] = field(init=False, repr=False)
+    cruising: tuple[tuple[float, ...], ...] = field(init=False, repr=False)
     stopping: tuple[Float, Float, Float, Float] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        columns = (self.lower, self.upper, self.velocity, self.acceleration)
-        rows = tuple(zip(*(column.tolist() for column in columns), strict=True))
-        object.__setattr__(self, "rows", rows)
+        v, dt = self.velocity, self.dt
+        command = (self.lower, self.upper, v)
+        most = (v, v * dt, self.acceleration, self.acceleration * dt)
+        motion = (self.lower, self.upper, *(limit + ROUNDING for limit in most))
+        object.__setattr__(self, "command_rows", _rows(*command))
+        object.__setattr__(self, "motion_rows", _rows(*motion))
         a, c, j = self.acceleration, self.cruise, self.jerk
         object.__setattr__(self, "stopping", (a * a / j, 0.5 / a, 0.5 * a / j, 1.0 / j))
-        cruising = (c * c / j, 0.5 / c, 0.5 * c / j, 1.0 / j)
-        each = tuple(zip(*(column.tolist() for column in cruising), strict=True))
-        object.__setattr__(self, "cruising", each)
+        object.__setattr__(self, "cruising", _rows(c * c / j, 0.5 / c, 0.5 * c / j, 1.0 / j))
+
+
+def _rows(*columns: Float) -> tuple[tuple[float, ...], ...]:
+    return tuple(zip(*(column.tolist() for column in columns), strict=True))
 
 
 def check_sender(
@@ -219,13 +231,13 @@ def check_command(
         elapsed_s: time between the two commands' stamps.
         bounds: what is allowed.
     """
-    if command.frame_id != epoch_frame(grant.epoch):
-        return Refusal(Reason.EPOCH, "frame_id", epoch_frame(grant.epoch), command.frame_id)
+    if command.frame_id != grant.frame_id:
+        return Refusal(Reason.EPOCH, "frame_id", grant.frame_id, command.frame_id)
     q, qd = command.positions, command.velocities
     # Two ticks of slack: stamps of a paced stream jitter, its positions do not.
     window = max(elapsed_s, 0.0) + 2.0 * bounds.dt
-    columns = zip(q.tolist(), qd.tolist(), before.tolist(), bounds.rows, strict=True)
-    for x, speed, old, (low, high, fastest, _) in columns:
+    columns = zip(q.tolist(), qd.tolist(), before.tolist(), bounds.command_rows, strict=True)
+    for x, speed, old, (low, high, fastest) in columns:
         far = fastest * window
         if not (low <= x <= high and -fastest <= speed <= fastest and -far <= x - old <= far):
             break
@@ -266,15 +278,16 @@ def check_motion(
     before: tuple[Float, Float], q: Float, qd: Float, qdd: Float, bounds: Bounds
 ) -> Refusal | None:
     """Is this output a motion that the joints can do? The numbers themselves and their steps."""
-    dt, slack = bounds.dt, ROUNDING
+    dt = bounds.dt
     numbers = (q.tolist(), qd.tolist(), qdd.tolist(), before[0].tolist(), before[1].tolist())
-    for x, v, a, x0, v0, (low, high, fastest, hardest) in zip(*numbers, bounds.rows, strict=True):
+    for x, v, a, x0, v0, row in zip(*numbers, bounds.motion_rows, strict=True):
+        low, high, fastest, step_most, hardest, change = row
         if not (
             low <= x <= high
-            and abs(v) <= fastest + slack
-            and abs(a) <= hardest + slack
-            and abs(x - x0) <= fastest * dt + slack
-            and abs(v - v0) <= hardest * dt + slack
+            and -fastest <= v <= fastest
+            and -step_most <= x - x0 <= step_most
+            and -hardest <= a <= hardest
+            and -change <= v - v0 <= change
         ):
             break
     else:
@@ -347,20 +360,25 @@ def pursue(
         qd: J speeds of the newest command, rad/s.
         bounds: accelerations and jerks.
     """
-    dt = bounds.dt
+    quick, creep = CATCH_UP * bounds.dt, CREEP * bounds.dt
     walked, target = [], []
     for x, goal, speed, (knee, per_a, rise, per_j) in zip(
         pursued, q, qd, bounds.cruising, strict=True
     ):
-        v = abs(speed)
+        v = speed if speed >= 0.0 else -speed
         ahead = speed * (v * per_a + rise if v > knee else math.sqrt(v * per_j))
-        reach = max(CATCH_UP * v, CREEP) * dt
+        reach = quick * v
+        if reach < creep:
+            reach = creep
         way = goal - x
-        step = min(max(way, -reach), reach)
-        if step != way:
-            ahead *= min(max(1.5 - abs(way - step) / (PAUSE_TICKS * reach), 0.0), 1.0)
-        walked.append(x + step)
-        target.append(x + step + ahead)
+        if -reach <= way <= reach:
+            x = goal
+        else:
+            x += reach if way > 0.0 else -reach
+            left = abs(goal - x) / (PAUSE_TICKS * reach)
+            ahead *= min(max(1.5 - left, 0.0), 1.0)
+        walked.append(x)
+        target.append(x + ahead)
     return walked, np.array(target)
 
 
