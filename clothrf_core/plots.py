@@ -46,11 +46,13 @@ def convergence(records: Sequence[Mapping[str, Any]]) -> Any:
     x = [r["iteration"] for r in records]
     for task in records[0]["tasks"]:
         left.plot(x, [r["tasks"][task]["rms_mm"] for r in records], marker=".", label=task)
+    left.xaxis.get_major_locator().set_params(integer=True)
     left.set(xlabel="DAgger iteration", ylabel="held-out RMS per coordinate, mm", ylim=(0, None))
     left.legend(frameon=False)
     if has_leaves:
         right = axes[1]
         right.plot(x, [r["leaves"] for r in records], marker=".", color=INK)
+        right.xaxis.get_major_locator().set_params(integer=True)
         right.set(xlabel="DAgger iteration", ylabel="leaves of the forest", ylim=(0, None))
     return figure
 
@@ -73,6 +75,7 @@ def closed_loop(table: Sequence[Mapping[str, Any]]) -> Any:
     labels = [f"{row['controller']}\n{row['task']}" for row in table]
     axis.set_xticks(range(len(table)), labels)
     axis.set(ylabel="mean grasp error, mm")
+    axis.margins(y=0.12)
     axis.grid(axis="x", visible=False)
     return figure
 

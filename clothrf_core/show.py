@@ -86,7 +86,7 @@ def side_camera(shop: Workshop) -> CameraModel:
     middle = middle - np.array([0.08, 0.0, 0.05])
     eye = middle + np.array([0.45, -0.75, 0.35])
     width, height = rig.camera.width, rig.camera.height
-    f = 0.97 * width
+    f = 1.35 * width
     K = np.array([[f, 0.0, 0.5 * (width - 1)], [0.0, f, 0.5 * (height - 1)], [0.0, 0.0, 1.0]])
     return CameraModel(width, height, K, look_at(eye, middle), near=0.1, far=3.0)
 
