@@ -64,14 +64,12 @@ class _Newest:
     """The newest accepted command of the present grant.
 
     Attributes:
-        q: (J,) commanded posture, rad.
-        angles: the same as plain numbers.
+        angles: J commanded angles, rad.
         speeds: J commanded speeds, rad/s.
         stamp_ns: the client's wall clock.
         mono_ns: when it was accepted.
     """
 
-    q: Float
     angles: list[float]
     speeds: list[float]
     stamp_ns: int
@@ -150,7 +148,7 @@ class Bridge:
             return Refusal(Reason.MALFORMED, error.field, error.expected, error.found)
         newest, present, q = self._newest, self._output[0], command.positions
         # The first command is measured against the arms instead, by `check_start`.
-        before = q if newest is None else newest.q
+        before = q.tolist() if newest is None else newest.angles
         elapsed_s = 0.0 if newest is None else 1e-9 * (sender.stamp_ns - newest.stamp_ns)
         refusal = checks.check_command(command, grant, before, elapsed_s, self.bounds)
         if refusal is None and newest is None:
@@ -165,7 +163,7 @@ class Bridge:
         if newest is None or now.mono_ns - newest.mono_ns > self._pause_ns:
             self._pursued = present.tolist()
         self._newest = _Newest(
-            q, q.tolist(), command.velocities.tolist(), sender.stamp_ns, now.mono_ns
+            q.tolist(), command.velocities.tolist(), sender.stamp_ns, now.mono_ns
         )
         self._go(Event.COMMAND)
         return None

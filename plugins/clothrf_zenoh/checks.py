@@ -218,7 +218,7 @@ def check_sender(
 def check_command(
     command: JointTrajectory,
     grant: Grant,
-    before: Float,
+    before: list[float],
     elapsed_s: float,
     bounds: Bounds,
 ) -> Refusal | None:
@@ -227,7 +227,7 @@ def check_command(
     Args:
         command: decoded, so names and lengths are right.
         grant: whose command it is.
-        before: (J,) the posture commanded before, rad.
+        before: J angles commanded before, rad.
         elapsed_s: time between the two commands' stamps.
         bounds: what is allowed.
     """
@@ -236,7 +236,7 @@ def check_command(
     q, qd = command.positions, command.velocities
     # Two ticks of slack: stamps of a paced stream jitter, its positions do not.
     window = max(elapsed_s, 0.0) + 2.0 * bounds.dt
-    columns = zip(q.tolist(), qd.tolist(), before.tolist(), bounds.command_rows, strict=True)
+    columns = zip(q.tolist(), qd.tolist(), before, bounds.command_rows, strict=True)
     for x, speed, old, (low, high, fastest) in columns:
         far = fastest * window
         if not (low <= x <= high and -fastest <= speed <= fastest and -far <= x - old <= far):
@@ -247,7 +247,7 @@ def check_command(
     return (
         within("position", q, bounds.lower, bounds.upper, names, Reason.JOINT)
         or within("velocity", qd, -v, v, names, Reason.VELOCITY)
-        or within("step", q - before, -v * window, v * window, names, Reason.JUMP)
+        or within("step", q - np.array(before), -v * window, v * window, names, Reason.JUMP)
     )
 
 
