@@ -42,7 +42,6 @@ from typing_extensions import override
 from clothrf_core.interfaces import FeatureExtractor
 from clothrf_core.rig import ForegroundSection, Rig
 from clothrf_core.types import CameraModel, Features, Float, Float32, Observation, RgbdFrame
-from clothrf_how import foreground_kernels
 from clothrf_how.blocks import blocks, blocks_names
 from clothrf_how.border import border, border_names
 from clothrf_how.cloud import Cloud
@@ -58,6 +57,7 @@ from clothrf_how.corners import (
 )
 from clothrf_how.extremes import extremes, extremes_names
 from clothrf_how.foreground import Foreground, View, anchor, foreground
+from clothrf_how.foreground import warm as warm_foreground
 from clothrf_how.heightmap import heightmap, heightmap_names
 from clothrf_how.holders import Layout, find_holders
 from clothrf_how.how import How
@@ -154,7 +154,7 @@ class Extractor(FeatureExtractor):
         self._needs_corners = any(group in CORNERS for group in options.groups)
         self._needs_cloud = any(group in CORNERS or group in SHAPES for group in options.groups)
         self._view: View | None = None
-        foreground_kernels.warm()
+        warm_foreground()
 
     @property
     @override

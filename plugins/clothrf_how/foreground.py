@@ -12,6 +12,7 @@ from clothrf_core.camera_model import rays
 from clothrf_core.rig import ForegroundSection
 from clothrf_core.types import CameraModel, Float, Float32, RgbdFrame
 from clothrf_how import foreground_kernels as kernels
+from clothrf_how import mask_kernels, surface_kernels
 from clothrf_how.config import ForegroundOptions
 
 
@@ -103,13 +104,13 @@ def foreground(
         state[wrong & (state == kernels.CANDIDATE)] = kernels.ODD
     elif options.colour_tolerance > 0.0:
         kernels.odd_colours(state, frame.rgb, view.factor, options.colour_tolerance)
-    label, area = kernels.surfaces(z, state, options.jump, kernels.CANDIDATE)
+    label, area = surface_kernels.surfaces(z, state, options.jump, kernels.CANDIDATE)
     mask = label == _largest(area)
     for piece in _further_pieces(label, area, z, options):
         mask |= label == piece
-    mask, depth = kernels.bridge(mask, z, options.fill_gap, options.jump)
-    box = kernels.bounds(mask)
-    count, u, v, total = kernels.sums(mask, depth, box)
+    mask, depth = mask_kernels.bridge(mask, z, options.fill_gap, options.jump)
+    box = mask_kernels.bounds(mask)
+    count, u, v, total = mask_kernels.sums(mask, depth, box)
     many = max(count, 1)
     return Foreground(
         mask=mask,
@@ -183,5 +184,19 @@ def _further_pieces(
     pieces = [int(n) for n in np.flatnonzero(area >= least) if n != main]
     if not pieces:
         return []
-    meets = kernels.apart(label, area, z, main, least, options.stand_off)
+    meets = surface_kernels.apart(label, area, z, main, least, options.stand_off)
     return [n for n in pieces if 2 * meets[n, 0] <= meets[n, 1]]
+
+
+def warm() -> None:
+    """Compile (or load from the cache) every kernel, so that the first frame is not late."""
+    one = np.zeros((2, 2), np.float32)
+    ends = np.zeros(3, np.float32)
+    kernels.reduce_pairs(one, 0.1, 1.0, np.zeros((3, 1, 1), np.float32), ends, ends, ends)
+    z, state = kernels.reduce_pixels(
+        one, 0.1, 1.0, np.zeros((3, 2, 2), np.float32), ends, ends, ends
+    )
+    kernels.odd_colours(state, np.zeros((2, 2, 3), np.uint8), 1, 0.1)
+    label, area = surface_kernels.surfaces(z, state, 0.1, kernels.CANDIDATE)
+    surface_kernels.apart(label, area, z, 1, 1, 0.1)
+    mask_kernels.sums(*mask_kernels.bridge(state > 0, z, 1, 0.1), (0, 0, 2, 2))

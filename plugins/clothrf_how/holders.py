@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from clothrf_core.rig import Rig
 from clothrf_core.types import Float
 from clothrf_how.foreground import Foreground
-from clothrf_how.foreground_kernels import ODD, surfaces
+from clothrf_how.foreground_kernels import ODD
+from clothrf_how.surface_kernels import surfaces
 
 SLOTS = ("hand0", "hand1", "grasp0", "grasp1")
 # Metres in depth between neighbouring pixels of one thing, and between a thing and the cloth that

@@ -22,8 +22,8 @@ from clothrf_core.types import Float, Float32, RgbdFrame
 from clothrf_how import how_kernels as kernels
 from clothrf_how.config import HowOptions
 from clothrf_how.foreground import Foreground, block_colour
-from clothrf_how.foreground_kernels import bounds
 from clothrf_how.gabor import Factors, bank, factors
+from clothrf_how.mask_kernels import bounds
 
 RESPONSES = {
     "half": kernels.HALF,

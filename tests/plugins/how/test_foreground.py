@@ -6,6 +6,7 @@ import itertools
 import numpy as np
 import pytest
 from clothrf_how import foreground_kernels as kernels
+from clothrf_how import mask_kernels, surface_kernels
 from clothrf_how.config import FeatureOptions, ForegroundOptions
 from clothrf_how.extractor import Extractor
 from clothrf_how.foreground import View, anchor, foreground, hue_mask
@@ -216,7 +217,7 @@ def test_the_compiled_surfaces_equal_a_flood_fill():
     z = (0.5 + 0.02 * rng.integers(0, 3, (h, w))).astype(np.float32)
     state = (rng.random((h, w)) < 0.8).astype(np.uint8)
 
-    label, area = kernels.surfaces(z, state, 0.03, kernels.CANDIDATE)
+    label, area = surface_kernels.surfaces(z, state, 0.03, kernels.CANDIDATE)
 
     want = np.zeros((h, w), int)
     number = 0
@@ -250,7 +251,7 @@ def test_the_compiled_bridge_equals_plain_python():
     behind = ~mask & (rng.random(mask.shape) < 0.2)
     z[behind] = 0.9
 
-    full, depth = kernels.bridge(mask, z, 3, 0.02)
+    full, depth = mask_kernels.bridge(mask, z, 3, 0.02)
 
     want, values = _bridged(mask, np.where(mask, z, 0), z)
     turned, turned_values = _bridged(want.T, values.T, z.T)
@@ -289,7 +290,7 @@ def test_meeting_pieces_are_counted():
     z = np.where(label == 2, 0.3, 0.5).astype(np.float32)
     area = np.bincount(label.ravel()).astype(np.int32)
 
-    count = kernels.apart(label, area, z, 1, 1, 0.1)
+    count = surface_kernels.apart(label, area, z, 1, 1, 0.1)
 
     # Both pixels of piece 2 are within four of piece 1 and 0.2 m before it; piece 3 is too far.
     assert count.tolist() == [[0, 0], [0, 0], [2, 2], [0, 0]]

@@ -1,0 +1,122 @@
+"""What is done to a foreground mask: its bounds, its holes bridged, its sums."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+
+@njit(cache=True, nogil=True)
+def bounds(mask: NDArray[np.bool_]) -> tuple[int, int, int, int]:
+    """Half-open (x0, y0, x1, y1) of the true pixels; zeros if there are none."""
+    h, w = mask.shape
+    x0, y0, x1, y1 = w, h, 0, 0
+    for y in range(h):
+        first = 0
+        while first < w and not mask[y, first]:
+            first += 1
+        if first == w:
+            continue
+        last = w - 1
+        while not mask[y, last]:
+            last -= 1
+        x0, x1 = min(x0, first), max(x1, last + 1)
+        y0, y1 = min(y0, y), y + 1
+    return (x0, y0, x1, y1) if y1 > 0 else (0, 0, 0, 0)
+
+
+@njit(cache=True, nogil=True)
+def _across(
+    z: NDArray[np.float32],
+    depth: NDArray[np.float32],
+    y: int,
+    x: int,
+    dy: int,
+    dx: int,
+    n: int,
+    limit: np.float32,
+    full: NDArray[np.bool_],
+) -> None:
+    """Fill the n pixels before (y, x), going back by (dy, dx), unless one looks past the cloth."""
+    a = depth[y - (n + 1) * dy, x - (n + 1) * dx]
+    rise = depth[y, x] - a
+    if abs(rise) > limit:
+        return
+    slope = rise / np.float32(n + 1)
+    for i in range(1, n + 1):
+        k = n + 1 - i
+        if z[y - k * dy, x - k * dx] > a + slope * np.float32(i) + limit:
+            return
+    for i in range(1, n + 1):
+        k = n + 1 - i
+        full[y - k * dy, x - k * dx] = True
+        depth[y - k * dy, x - k * dx] = a + slope * np.float32(i)
+
+
+@njit(cache=True, nogil=True)
+def bridge(
+    mask: NDArray[np.bool_], z: NDArray[np.float32], gap: int, jump: float
+) -> tuple[NDArray[np.bool_], NDArray[np.float32]]:
+    """Mask and depth with holes of up to `gap` pixels filled along rows, then along columns.
+
+    A run of pixels between two foreground pixels is filled by linear interpolation unless
+    something is measured `jump` behind it there: then one really looks past the cloth.
+
+    Returns:
+        (h, w) bool; (h, w) float32 metres, 0 outside the mask.
+    """
+    h, w = mask.shape
+    full = mask.copy()
+    depth = np.empty((h, w), np.float32)
+    zero = np.float32(0.0)
+    for y in range(h):
+        row, inside, line = z[y], mask[y], depth[y]
+        for x in range(w):
+            line[x] = row[x] if inside[x] else zero
+    x0, y0, x1, y1 = bounds(mask)
+    limit = np.float32(jump)
+    for y in range(y0, y1):
+        last = w
+        for x in range(x0, x1):
+            if mask[y, x]:
+                n = x - last - 1
+                if 0 < n <= gap:
+                    _across(z, depth, y, x, 0, 1, n, limit, full)
+                last = x
+    rows = full.copy()
+    below = np.full(w, h, np.int32)
+    for y in range(y0, y1):
+        for x in range(x0, x1):
+            if rows[y, x]:
+                n = y - below[x] - 1
+                if 0 < n <= gap:
+                    _across(z, depth, y, x, 1, 0, n, limit, full)
+                below[x] = y
+    return full, depth
+
+
+# Sums of a row may be added in any order: vector code.
+@njit(cache=True, nogil=True, fastmath={"contract", "reassoc", "nsz"})
+def sums(
+    mask: NDArray[np.bool_], depth: NDArray[np.float32], box: tuple[int, int, int, int]
+) -> tuple[int, float, float, float]:
+    """Pixels of a mask, and the sums of their columns, rows and depths; depth is 0 outside."""
+    x0, y0, x1, y1 = box
+    area = 0
+    u = v = z = 0.0
+    for y in range(y0, y1):
+        inside, row = mask[y, x0:x1], depth[y, x0:x1]
+        count = np.int32(0)
+        columns = np.int32(0)
+        total = np.float32(0.0)
+        for i in range(x1 - x0):
+            one = np.int32(1) if inside[i] else np.int32(0)
+            count += one
+            columns += one * np.int32(i)
+            total += row[i]
+        area += int(count)
+        u += float(columns) + x0 * float(count)
+        v += y * float(count)
+        z += float(total)
+    return area, u, v, z
