@@ -8,13 +8,14 @@ import numpy as np
 
 from clothrf_calibration import rigid, synthetic
 from clothrf_calibration.boarddrawing import drawing
+from clothrf_calibration.boardpose import fit_pose
 from clothrf_calibration.boardprint import board_picture
 from clothrf_calibration.boards import Board
 from clothrf_calibration.detect import detect
 from clothrf_calibration.handeye import best_start
 from clothrf_calibration.handeye_fit import HandEyeProblem
 from clothrf_calibration.intrinsics import calibrate
-from clothrf_calibration.intrinsics_fit import fit, fit_pose
+from clothrf_calibration.intrinsics_fit import fit
 from clothrf_calibration.lens import vector
 from clothrf_calibration.robotnoise import refine_with_noise
 from clothrf_calibration.threads import one_thread

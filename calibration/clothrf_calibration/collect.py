@@ -9,11 +9,11 @@ from typing import Protocol, runtime_checkable
 import cv2
 import numpy as np
 
+from clothrf_calibration.boardpose import fit_pose
 from clothrf_calibration.boards import Board
 from clothrf_calibration.coverage import Coverage, advice, coverage
 from clothrf_calibration.detect import Detection, detect
 from clothrf_calibration.errors import CalibrationError
-from clothrf_calibration.intrinsics_fit import fit_pose
 from clothrf_calibration.lens import vector
 from clothrf_calibration.session import Session
 from clothrf_calibration.views import View

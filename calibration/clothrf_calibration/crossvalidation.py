@@ -8,9 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from clothrf_calibration.boardpose import fit_pose
 from clothrf_calibration.boards import Board
 from clothrf_calibration.boardshape import Shape
-from clothrf_calibration.intrinsics_fit import Belief, Fit, State, fit, fit_pose, real_points
+from clothrf_calibration.intrinsics_fit import Belief, Fit, State, fit, real_points
 from clothrf_calibration.views import View
 from clothrf_core.types import Float
 

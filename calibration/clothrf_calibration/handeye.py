@@ -8,8 +8,8 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from clothrf_calibration import rigid
+from clothrf_calibration.boardpose import fit_pose
 from clothrf_calibration.boards import Board
-from clothrf_calibration.crossvalidation import folds
 from clothrf_calibration.errors import CalibrationError, DegenerateData
 from clothrf_calibration.handeye_fit import (
     HandEyeFit,
@@ -18,9 +18,8 @@ from clothrf_calibration.handeye_fit import (
     Setup,
     refine,
 )
+from clothrf_calibration.handeye_judge import held_out, measured_scale, start_error, view_rms
 from clothrf_calibration.handeye_start import starts
-from clothrf_calibration.intrinsics_fit import fit_pose
-from clothrf_calibration.lens import project
 from clothrf_calibration.motion import Motion, motion, refuse_degenerate, unflipped
 from clothrf_calibration.robotnoise import refine_with_noise
 from clothrf_calibration.threads import one_thread
@@ -224,7 +223,7 @@ def best_start(
 ) -> tuple[str, tuple[Float, Float], dict[str, float]]:
     """The closed form with the smallest reprojection error, and the errors of all."""
     found = starts(problem.A, C)
-    errors = {name: _start_error(problem, X, Z) for name, (X, Z) in found.items()}
+    errors = {name: start_error(problem, X, Z) for name, (X, Z) in found.items()}
     if not errors:
         raise DegenerateData(
             "no closed-form hand-eye solution exists for these poses; check that poses and "
@@ -232,58 +231,6 @@ def best_start(
         )
     name = min(errors, key=lambda n: errors[n])
     return name, found[name], errors
-
-
-def view_rms(problem: HandEyeProblem, result: HandEyeFit) -> Float:
-    """(V,) reprojection error of each view from the robot's pose alone, pixels."""
-    return np.array(
-        [
-            float(np.sqrt((r**2).sum(axis=1).mean()))
-            for r in _residuals(problem, result.state.Y, result.state.Z, result.state.parameters)
-        ]
-    )
-
-
-def held_out(
-    problem: HandEyeProblem,
-    result: HandEyeFit,
-    noise: RobotNoise,
-    tell: Callable[[str, int, int], None] = lambda what, done, of: None,
-    *,
-    k: int = 5,
-) -> tuple[Float, Float, Float]:
-    """(V,) pixels, mm and degrees by which views not used miss their prediction by the robot."""
-    n = len(problem.A)
-    px, mm, deg = np.zeros(n), np.zeros(n), np.zeros(n)
-    if n < MIN_POSES + 2:
-        return px * np.nan, mm * np.nan, deg * np.nan
-    for number, held in enumerate(folds(n, k)):
-        train = np.setdiff1d(np.arange(n), held)
-        part = dataclasses.replace(
-            problem,
-            A=problem.A[train],
-            views=[problem.views[i] for i in train],
-            noise=noise,
-        )
-        fit = refine(part, result.pose, result.state.Z)
-        test = dataclasses.replace(
-            problem, A=problem.A[held], views=[problem.views[i] for i in held]
-        )
-        px[held] = view_rms(test, fit)
-        for i in held:
-            seen, _ = fit_pose(fit.state.parameters, problem.points, problem.views[i])
-            mm[i], deg[i] = _apart(seen, fit.state.Y @ problem.A[i] @ fit.state.Z, problem.points)
-        tell("held-out views", 3 + number, 8)
-    return px, mm, deg
-
-
-def measured_scale(
-    problem: HandEyeProblem, result: HandEyeFit, noise: RobotNoise
-) -> tuple[float, float]:
-    """Board scale by the robot's motion, and its standard deviation; a wrong square size shows."""
-    free = dataclasses.replace(problem, noise=noise, free_scale=True)
-    fit = refine(free, result.pose, result.state.Z)
-    return fit.state.scale, float(np.sqrt(fit.covariance[12, 12]))
 
 
 def _refined(
@@ -342,28 +289,11 @@ def _clean(
     return result, np.stack(poses), float(np.sqrt(squares / max(dof, 1)))
 
 
-def _residuals(problem: HandEyeProblem, Y: Float, Z: Float, parameters: Float) -> list[Float]:
-    result = []
-    for A, view in zip(problem.A, problem.views, strict=True):
-        C = Y @ A @ Z
-        local = problem.points[view.ids] @ C[:3, :3].T + C[:3, 3]
-        local[local[:, 2] < 1e-3, 2] = 1e-3
-        with np.errstate(over="ignore", invalid="ignore"):
-            result.append(view.pixels - project(parameters, local))
-    return result
-
-
-def _start_error(problem: HandEyeProblem, X: Float, Z: Float) -> float:
-    residuals = _residuals(problem, rigid.inverse(X), Z, problem.intrinsics)
-    each = [float(np.sqrt((np.minimum(np.abs(r), 1e4) ** 2).sum(axis=1).mean())) for r in residuals]
-    return float(np.median(each))
-
-
 def _refuse_other_setup(problem: HandEyeProblem, C: Float, G: Float, error: float) -> None:
     other: Setup = "hand" if problem.setup == "fixed" else "fixed"
     A = G if other == "fixed" else rigid.inverse(G)
     trial = dataclasses.replace(problem, setup=other, A=A)
-    errors = [_start_error(trial, X, Z) for X, Z in starts(A, C).values()]
+    errors = [start_error(trial, X, Z) for X, Z in starts(A, C).values()]
     if errors and min(errors) < OTHER_SETUP * error and error > 5.0:
         raise CalibrationError(
             f"the poses fit a camera {_phrase(other)} ({min(errors):.1f} px), not one "
@@ -377,13 +307,6 @@ def _phrase(setup: Setup) -> str:
 
 def _turned(view: View, board: Board) -> View:
     return dataclasses.replace(view, ids=len(board.points) - 1 - view.ids)
-
-
-def _apart(T: Float, other: Float, points: Float) -> tuple[float, float]:
-    """Distance in mm of the board's middle, and angle in degrees, between two board poses."""
-    middle = points.mean(axis=0)
-    shift = (T[:3, :3] - other[:3, :3]) @ middle + T[:3, 3] - other[:3, 3]
-    return 1e3 * float(np.linalg.norm(shift)), float(rigid.angle_deg(T[:3, :3] @ other[:3, :3].T))
 
 
 def _warnings(

@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 
 from clothrf_calibration import plots
+from clothrf_calibration.boardpose import fit_pose
 from clothrf_calibration.boards import Board
 from clothrf_calibration.boardshape import SHAPES, Shape, deformed, shape_basis
-from clothrf_calibration.intrinsics_fit import Fit, State, fit_pose
+from clothrf_calibration.intrinsics_fit import Fit, State
 from clothrf_calibration.lens import vector
 from clothrf_calibration.uncertainty import UncertaintyMap, uncertainty_map
 from clothrf_calibration.views import View

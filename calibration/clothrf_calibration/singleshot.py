@@ -8,9 +8,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from clothrf_calibration import rigid
+from clothrf_calibration.boardpose import fit_pose
 from clothrf_calibration.errors import CalibrationError
 from clothrf_calibration.handeye_fit import RobotNoise, covariance_of_inverse
-from clothrf_calibration.intrinsics_fit import fit_pose
 from clothrf_calibration.lens import project_jacobian
 from clothrf_calibration.views import View
 from clothrf_core.types import Float

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from clothrf_calibration import rigid
-from clothrf_calibration.intrinsics_fit import fit_pose
+from clothrf_calibration.boardpose import fit_pose
 from clothrf_calibration.lens import directions, project
 from clothrf_calibration.views import View
 from clothrf_core.types import Float, Float32

@@ -9,13 +9,13 @@ import cv2
 import numpy as np
 import pytest
 from clothrf_calibration import rigid, synthetic
+from clothrf_calibration.boardpose import fit_pose
 from clothrf_calibration.boards import Board, half_turn
 from clothrf_calibration.errors import CalibrationError, DegenerateData
 from clothrf_calibration.handeye import HandEye, best_start, hand_eye
 from clothrf_calibration.handeye_fit import HandEyeProblem, Setup
 from clothrf_calibration.handeye_poses import fit_poses, held_out_poses
 from clothrf_calibration.handeye_start import methods, park, shah
-from clothrf_calibration.intrinsics_fit import fit_pose
 from clothrf_calibration.lens import vector
 from clothrf_calibration.motion import motion, unflipped
 from clothrf_calibration.robotnoise import refine_with_noise

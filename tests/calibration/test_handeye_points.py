@@ -3,10 +3,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from clothrf_calibration import rigid, synthetic
+from clothrf_calibration.boardpose import fit_pose
 from clothrf_calibration.boards import Board
 from clothrf_calibration.errors import DegenerateData
 from clothrf_calibration.handeye_points import fit_points
-from clothrf_calibration.intrinsics_fit import fit_pose
 from clothrf_calibration.lens import vector
 from scipy.stats import chi2
 
