@@ -201,6 +201,8 @@ def run(
     finally:
         signal.signal(signal.SIGINT, previous)
     console.print(f"{turns} turns at {pulse.rate_hz:.1f} Hz, {pulse.held} held; the arms stand")
+    for reason, count in sorted(pulse.reasons.items(), key=lambda item: -item[1])[:5]:
+        console.print(f"  held {count} times: {escape(reason)}", highlight=False)
 
 
 @app.command()

@@ -114,6 +114,7 @@ def iteration_jobs(
             stride=training.stride,
             beta=beta(iteration, training.beta),
             mix=training.mix,
+            from_rest=training.from_rest,
             policy=str(run.policy(iteration - 1)) if iteration > 1 else "",
         )
         for index in range(training.rollouts)
@@ -136,6 +137,7 @@ def held_out_jobs(run: RunFolder, resolved: config.Resolved, data: Dataset) -> l
             steps=experiment.evaluation.steps,
             stride=experiment.training.stride,
             disturbance=experiment.evaluation.disturbance if index % 2 else 0.0,
+            from_rest=experiment.training.from_rest,
         )
         for index in range(experiment.evaluation.rollouts)
     ]

@@ -77,12 +77,15 @@ class Pulse:
     turns: int = 0
     confidence: float = 0.0
     why: str = ""
+    reasons: dict[str, int] = field(default_factory=dict)
 
     def on_step(self, step: Step) -> None:
         """Count a turn."""
         self.stamps_ns = [*self.stamps_ns[-self.window :], time.monotonic_ns()]
         self.turns += 1
         self.held += bool(step.sent.held)
+        if step.sent.held:
+            self.reasons[step.sent.held] = self.reasons.get(step.sent.held, 0) + 1
         self.confidence = step.action.confidence
         self.why = step.sent.held
 

@@ -66,6 +66,7 @@ class RolloutJob:
         beta: share of the expert.
         mix: how expert and learner are mixed.
         disturbance: m, OU noise on the executed targets.
+        from_rest: probability that the grippers start near their rest corners.
         policy: folder of the acting policy; empty = the expert acts alone.
     """
 
@@ -81,6 +82,7 @@ class RolloutJob:
     beta: float = 1.0
     mix: Literal["coin", "blend"] = "coin"
     disturbance: float = 0.0
+    from_rest: float = 0.0
     policy: str = ""
 
     @property
@@ -122,7 +124,7 @@ def roll_out(shop: Workshop, job: RolloutJob, policy: Policy | None) -> Rollout:
     disturbance = Disturbance(job.disturbance, shop.limits.dt)
     mixture = Mixture(job.beta, job.mix)
     lead = shop.experts[job.task]
-    shop.world.reset(world_seed, lead)
+    shop.world.reset(world_seed, lead, from_rest=job.from_rest)
     offset = np.zeros((2, 3))
     rows: list[_Row] = []
     with shop.camera, shop.robot:

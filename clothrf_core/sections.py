@@ -53,6 +53,12 @@ class TrainingSection(Section):
     rollouts: int = Field(5, ge=1, description="a iteration")
     steps: int = Field(100, ge=1, description="samples a roll-out")
     stride: int = Field(3, ge=1, description="control steps from one sample to the next")
+    from_rest: float = Field(
+        0.5,
+        ge=0.0,
+        le=1.0,
+        description="share of roll-outs that start with the grippers near their rest corners",
+    )
     beta: float = Field(0.8, ge=0.0, le=1.0, description="beta_i = beta ** (i - 1)")
     mix: Literal["coin", "blend"] = Field(
         "coin",

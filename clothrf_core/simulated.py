@@ -40,6 +40,7 @@ from clothrf_core.types import (
 
 SKIN = (0.60, 0.38, 0.28)
 STEEL = (0.35, 0.36, 0.38)
+REST_SPREAD = 0.05  # m about the rest corners, in roll-outs that start there
 
 
 class SimulatedWorld(World):
@@ -76,13 +77,16 @@ class SimulatedWorld(World):
         self._params: Randomization | None = None
         self._steps = 0
 
-    def reset(self, seed: SeedSequence, start: Expert) -> ClothState:
+    def reset(self, seed: SeedSequence, start: Expert, *, from_rest: float = 0.0) -> ClothState:
         """Start a roll-out; the robot begins where `start` says it should be.
 
-        Every part gets its own stream of `seed`, so that drawing more numbers in one does not
-        change the others.
+        With probability `from_rest` it begins near the rig's rest corners instead, as a real one
+        does that has just been handed the cloth. Every part gets its own stream of `seed`, so that
+        drawing more numbers in one does not change the others.
         """
-        motion, cloth, draw, noise, sensor = (np.random.default_rng(s) for s in seed.spawn(5))
+        motion, cloth, draw, noise, sensor, first = (
+            np.random.default_rng(s) for s in seed.spawn(6)
+        )
         hands = self._hands.reset(motion)
         corners = ClothState(
             vertices=np.concatenate([hands, self._rig.rest_grasp]),
@@ -90,9 +94,11 @@ class SimulatedWorld(World):
             hands=hands,
             grasp=self._rig.rest_grasp,
         )
-        self._params = self._randomizer.draw(
-            draw, self.nominal(hands, np.array(start.label(corners).targets))
-        )
+        grasp = np.array(start.label(corners).targets)
+        if first.random() < from_rest:
+            near = self._rig.rest_grasp + first.uniform(-REST_SPREAD, REST_SPREAD, (2, 3))
+            grasp = within_reach(hands, near, 0.98 * self._cloth.size[1])
+        self._params = self._randomizer.draw(draw, self.nominal(hands, grasp))
         self._noise_rng, self._sensor_rng = noise, sensor
         self._offset = np.zeros((2, 3))
         self._steps = 0
@@ -303,6 +309,14 @@ class Holders:
             away = _unit(corner - centre + np.array([-0.10, 0.0, 0.10]))
             meshes.append(along(self.gripper, corner + 0.008 * away, away))
         return meshes
+
+
+def within_reach(hands: Float, grasp: Float, length: float) -> Float:
+    """(2, 3) `grasp`, each gripper drawn towards its hand until a side of `length` m reaches it."""
+    way = grasp - hands
+    distance = np.linalg.norm(way, axis=1, keepdims=True)
+    reached: Float = hands + way * np.minimum(1.0, length / np.maximum(distance, 1e-9))
+    return reached
 
 
 def _unit(vector: Float) -> Float:

@@ -54,6 +54,7 @@ iterations = 3
 rollouts = 2
 steps = 8
 stride = 1
+from_rest = 0.0
 [collection]
 engine = "sequential"
 [evaluation]

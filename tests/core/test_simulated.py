@@ -97,3 +97,21 @@ def test_a_workshop_builds_every_part_from_the_config(toy, toy_experiment):
     shop = compose.workshop(config.load(toy_experiment, toy), toy)
     assert list(shop.experts) == ["ahead"]
     assert len(shop.extractor.names) == 48
+
+
+def test_a_start_from_rest_is_near_the_rest_corners_and_within_reach(toy, toy_experiment):
+    one = world(toy, toy_experiment)
+    rest = config.load(toy_experiment, toy).rig.rest_grasp
+    for seed in range(20):
+        state = one.reset(np.random.SeedSequence(seed), OffsetExpert(), from_rest=1.0)
+        assert np.abs(state.grasp - rest).max() < 0.05 + 0.08
+        assert np.linalg.norm(state.grasp - state.hands, axis=1).max() <= 0.98 * 0.35 + 1e-9
+
+
+def test_a_share_of_rollouts_starts_from_rest(toy, toy_experiment):
+    one = world(toy, toy_experiment)
+    wanted = [
+        one.reset(np.random.SeedSequence(seed), OffsetExpert(), from_rest=0.5) for seed in range(60)
+    ]
+    at_expert = [np.allclose(s.grasp, s.hands + [-0.3, 0.0, 0.0]) for s in wanted]
+    assert 18 < sum(at_expert) < 42
