@@ -137,9 +137,10 @@ class CraneArms(ArmModel):
         turn, rise, out = np.reshape(q, (2, 7))[:, :3].T
         reach = REACH + PER_RADIAN * out
         flat = reach * np.cos(rise)
-        return BASES + np.stack(
+        points: Float = BASES + np.stack(
             [flat * np.cos(turn), flat * np.sin(turn), reach * np.sin(rise)], axis=1
         )
+        return points
 
     @override
     def solve(self, q: Float, targets: Float, dt: float) -> Float:
@@ -147,11 +148,11 @@ class CraneArms(ArmModel):
             raise RefusedTarget(f"targets: expected finite metres, found {targets.tolist()}")
         offset = targets - BASES
         reach = np.linalg.norm(offset, axis=1)
-        wanted = np.array(q, float).reshape(2, 7)
-        wanted[:, 0] = np.arctan2(offset[:, 1], offset[:, 0])
-        wanted[:, 1] = np.arcsin(np.clip(offset[:, 2] / np.maximum(reach, 1e-9), -1.0, 1.0))
-        wanted[:, 2] = (reach - REACH) / PER_RADIAN
-        wanted = wanted.ravel()
+        joints = np.array(q, float).reshape(2, 7)
+        joints[:, 0] = np.arctan2(offset[:, 1], offset[:, 0])
+        joints[:, 1] = np.arcsin(np.clip(offset[:, 2] / np.maximum(reach, 1e-9), -1.0, 1.0))
+        joints[:, 2] = (reach - REACH) / PER_RADIAN
+        wanted: Float = joints.ravel()
         low, high = self._limits.soft_lower, self._limits.soft_upper
         if (wanted < low).any() or (wanted > high).any():
             raise RefusedTarget(f"targets: expected points in reach, found {targets.tolist()}")
