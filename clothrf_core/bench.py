@@ -31,10 +31,10 @@ from clothrf_core.run_folder import RunFolder
 
 KILL_SETTINGS = {
     "training.iterations": 3,
-    "training.rollouts": 4,
-    "training.steps": 30,
+    "training.rollouts": 3,
+    "training.steps": 12,
     "evaluation.rollouts": 2,
-    "evaluation.steps": 20,
+    "evaluation.steps": 10,
 }
 
 
