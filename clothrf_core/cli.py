@@ -189,11 +189,14 @@ def run(
 
     previous = signal.signal(signal.SIGINT, interrupted)
     pulse = live.Pulse()
+    errors: list[float] = []
     try:
         with console.status("starting") as line:
 
             class Shown:
                 def on_step(self, _: object) -> None:
+                    if session.grasp_error is not None:
+                        errors.append(session.grasp_error())
                     if pulse.turns % 10 == 0:
                         line.update(live.live_line(pulse, session.controller.robot))
 
@@ -201,6 +204,10 @@ def run(
     finally:
         signal.signal(signal.SIGINT, previous)
     console.print(f"{turns} turns at {pulse.rate_hz:.1f} Hz, {pulse.held} held; the arms stand")
+    if errors:
+        settled = sorted(errors[len(errors) // 5 :])
+        middle = 1e3 * settled[len(settled) // 2]
+        console.print(f"grippers from x*, median after the approach: {middle:.0f} mm")
     for reason, count in sorted(pulse.reasons.items(), key=lambda item: -item[1])[:5]:
         console.print(f"  held {count} times: {escape(reason)}", highlight=False)
 

@@ -19,6 +19,13 @@ class LimitsSection(Section):
     """Config of `[limits]`."""
 
     max_speed: float = Field(0.5, gt=0.0, le=1.5, description="of each gripper, m/s")
+    lead_s: float = Field(
+        0.0,
+        ge=0.0,
+        le=1.0,
+        description="how far ahead of the grippers, in seconds at max_speed, targets may lie; "
+        "0 = one control period. A robot that lags needs about its lag",
+    )
     low: Vector = Field([0.05, -0.60, 0.02], description="box the grippers stay in, world, m")
     high: Vector = Field([0.75, 0.60, 0.80], description="opposite corner of that box")
     max_span: float = Field(0.45, gt=0.0, description="largest distance of the grippers, m")
@@ -68,7 +75,7 @@ class Limits:
             1.0,
             (action.confidence - limit.hold_below) / max(limit.slow_below - limit.hold_below, 1e-9),
         )
-        reach = limit.max_speed * self.dt * slow
+        reach = limit.max_speed * max(self.dt, limit.lead_s) * slow
         step = wanted - here
         length = np.linalg.norm(step, axis=1, keepdims=True)
         return here + step * np.minimum(1.0, reach / np.maximum(length, 1e-12)), ""

@@ -108,11 +108,15 @@ class Pulse:
 
 @dataclass(frozen=True)
 class Session:
-    """A wired loop, ready to run."""
+    """A wired loop, ready to run.
+
+    `grasp_error` tells, with simulated cloth, how far the grippers are from x* now, m.
+    """
 
     controller: Controller
     rate_hz: float
     paced_by_camera: bool
+    grasp_error: Callable[[], float] | None = None
 
     def run(
         self,
@@ -168,6 +172,11 @@ def session(
         )
     shop = compose.workshop(resolved, registry)
     lead = shop.experts.get(task) or next(iter(shop.experts.values()))
+
+    def grasp_error() -> float:
+        state = shop.world.state
+        return float(np.linalg.norm(state.grasp - lead.label(state).targets, axis=1).mean())
+
     shop.world.reset(np.random.SeedSequence(seed), lead)
     if simulated_robot:
         mover: Robot = SimulatedRobot(shop.world)
@@ -176,7 +185,10 @@ def session(
         mover = compose.robot(resolved, registry, shop.world)
         eye = RehearsalCamera(shop.camera, shop.world, mover)
     return Session(
-        Controller(eye, extractor, policy, limits, mover, task), rate, paced_by_camera=False
+        Controller(eye, extractor, policy, limits, mover, task),
+        rate,
+        paced_by_camera=False,
+        grasp_error=grasp_error,
     )
 
 

@@ -39,6 +39,10 @@ def maker(kind, name):
         make()
     except (MissingDependency, ConfigError) as error:
         pytest.skip(str(error))
+    except ClothrfError as error:
+        if "in use" not in str(error):
+            raise
+        pytest.skip(str(error))
     except ValueError as error:
         pytest.skip(f"needs options: {error}")
     return make

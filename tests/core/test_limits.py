@@ -69,3 +69,8 @@ def test_grippers_are_not_pulled_apart():
 
 def test_a_wrong_number_of_targets_holds():
     assert command(Action(GRASP[:1])).held == "expected (2, 3) targets, got (1, 3)"
+
+
+def test_a_lagging_robot_may_be_led_by_more_than_one_period():
+    sent = command(Action(GRASP + [0.0, 0.0, 0.3]), max_speed=0.2, lead_s=0.3)
+    assert np.allclose(np.linalg.norm(sent.targets - GRASP, axis=1), 0.06)

@@ -158,6 +158,7 @@ def test_a_second_sender_is_refused_and_disturbs_nobody(shared):
         other.epoch = int(other.status["epoch"])
         for _ in range(20):
             other.send(np.full(14, 0.5), np.zeros(14))
+            time.sleep(0.02)  # the bridge keeps the newest only; each is to be seen
         drive(machine, machine.state().positions, 0.3)
 
         assert machine.status()["bridge"] == "RUNNING"
