@@ -57,13 +57,20 @@ def _estop() -> typer.Typer:
     return estop_app()
 
 
+def _draw() -> typer.Typer:
+    from clothrf_zenoh.cli import draw_app
+
+    return draw_app()
+
+
 @hookimpl
 def clothrf_commands() -> list[Command]:
-    """bridge, replay, record, estop."""
+    """bridge, replay, record, draw, estop."""
     return [
         Command("bridge", "Run the robot-side process: checks, watchdog, arms.", _bridge),
         Command("replay", "Play a recording into a running bridge.", _replay),
         Command("record", "Record the stream as an MCAP file.", _record),
+        Command("draw", "Draw the arms of a recording as a film.", _draw),
         Command("estop", "Stop the arms; acknowledged, not safety rated.", _estop),
     ]
 

@@ -142,6 +142,42 @@ def estop_app() -> typer.Typer:
     return app
 
 
+def draw_app() -> typer.Typer:
+    """`clothrf draw RECORDING --bridge CONFIG`."""
+    app = typer.Typer(context_settings=INTERSPERSED)
+
+    @app.callback(
+        invoke_without_command=True,
+        epilog="Example: clothrf draw run.mcap --bridge configs/bridge_sim.toml --camera sapien",
+    )
+    def draw(
+        recording: Annotated[Path, typer.Argument(help="MCAP file of clothrf record")],
+        bridge: BridgeOption,
+        out: Annotated[Path | None, typer.Option(help="GIF; default beside the recording")] = None,
+        camera: Annotated[str, typer.Option(help="camera that draws: raster or sapien")] = "raster",
+    ) -> None:
+        """Draw the measured arms of a recording as a film."""
+        from clothrf_core.console import progress_bar
+        from clothrf_core.files import atomic_write
+        from clothrf_zenoh.draw import film
+
+        registry = Registry.installed()
+        file = load_bridge(bridge, registry)
+        arm = build_arm(file, registry)
+        target = out or recording.with_suffix(".gif")
+        with progress_bar() as bar:
+            row = bar.add_task("frames", total=None)
+
+            def drawn(total: int) -> None:
+                bar.update(row, total=total, advance=1)
+
+            data = film(recording, arm, registry, camera=camera, on_frame=drawn)
+        atomic_write(target, data)
+        print(f"draw: {target}")
+
+    return app
+
+
 def as_client(file: BridgeFile) -> ZenohSection:
     """The section with which a program on the same machine reaches the bridge of `file`."""
     section = file.config.zenoh
