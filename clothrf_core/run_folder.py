@@ -70,6 +70,8 @@ class RunFolder:
                     f"{path}: was started with another config, see {run.experiment}. "
                     "Choose another folder with --out"
                 )
+            if not (path / "versions.json").exists():  # killed between the first two files
+                atomic_write(path / "versions.json", json_bytes(versions()))
             return run
         if path.exists() and any(p for p in path.iterdir() if not p.name.startswith(".")):
             raise ConfigError(
@@ -77,8 +79,8 @@ class RunFolder:
                 "Choose another folder with --out"
             )
         path.mkdir(parents=True, exist_ok=True)
-        atomic_write(path / "versions.json", json_bytes(versions()))
         atomic_write(run.experiment, text)
+        atomic_write(path / "versions.json", json_bytes(versions()))
         return run
 
     @classmethod

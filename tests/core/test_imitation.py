@@ -112,6 +112,15 @@ def test_a_killed_run_resumes_to_the_same_bits(run, toy, toy_experiment, tmp_pat
     assert contents(resumed.path) == contents(run.path)
 
 
+def test_a_run_killed_at_its_very_start_goes_on(run, toy, toy_experiment, tmp_path):
+    out = tmp_path / "early"
+    RunFolder.start(out, config.load(toy_experiment, toy), resume=False)
+    (out / "versions.json").unlink()
+    resumed = train(toy, toy_experiment, out, resume=True)
+    assert (out / "versions.json").exists()
+    assert contents(resumed.path) == contents(run.path)
+
+
 def test_a_damaged_rollout_is_made_again(run, toy, toy_experiment, tmp_path):
     out = tmp_path / "damaged"
     with pytest.raises(KeyboardInterrupt):
