@@ -165,9 +165,13 @@ def policy_digest(run: Path) -> str:
         b"".join(
             str(p.relative_to(run)).encode() + p.read_bytes()
             for p in files
-            if p.is_file() and not p.name.startswith(".") and p.name != "experiment.toml"
+            if p.is_file() and p.name != "experiment.toml" and not _hidden(p.relative_to(run))
         )
     )
+
+
+def _hidden(path: Path) -> bool:
+    return any(part.startswith(".") for part in path.parts)
 
 
 def _train(out: Path, *, resume: bool = False, workers: int = 2) -> subprocess.Popen[bytes]:

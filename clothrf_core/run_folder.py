@@ -70,6 +70,7 @@ class RunFolder:
                     f"{path}: was started with another config, see {run.experiment}. "
                     "Choose another folder with --out"
                 )
+            _sweep(path)
             if not (path / "versions.json").exists():  # killed between the first two files
                 atomic_write(path / "versions.json", json_bytes(versions()))
             return run
@@ -172,6 +173,16 @@ def machine() -> str:
                 model = line.split(":", 1)[1].strip()
                 break
     return f"{model}, {os.cpu_count()} cores, {platform.system()}"
+
+
+def _sweep(path: Path) -> None:
+    """Remove what a killed writer left behind: temporary files and folders, never a result."""
+    for pattern in (".*.tmp", ".*.old"):
+        for left in list(path.rglob(pattern)):
+            if left.is_dir():
+                shutil.rmtree(left, ignore_errors=True)
+            else:
+                left.unlink(missing_ok=True)
 
 
 def _training_part(text: str) -> dict[str, Any]:

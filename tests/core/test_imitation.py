@@ -121,6 +121,16 @@ def test_a_run_killed_at_its_very_start_goes_on(run, toy, toy_experiment, tmp_pa
     assert contents(resumed.path) == contents(run.path)
 
 
+def test_what_a_killed_writer_left_is_swept_away(run, toy, toy_experiment):
+    (run.path / "policies" / ".iteration_009.1.tmp").mkdir()
+    (run.path / "policies" / ".iteration_009.1.tmp" / "half.npz").write_bytes(b"half")
+    (run.dataset / "iteration_001" / ".rollout_0000.npz.1.tmp").write_bytes(b"half")
+    before = contents(run.best)
+    train(toy, toy_experiment, run.path, resume=True)
+    assert not [p for p in run.path.rglob(".*.tmp")]
+    assert contents(run.best) == before
+
+
 def test_a_damaged_rollout_is_made_again(run, toy, toy_experiment, tmp_path):
     out = tmp_path / "damaged"
     with pytest.raises(KeyboardInterrupt):
