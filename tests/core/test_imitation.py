@@ -127,7 +127,7 @@ def test_what_a_killed_writer_left_is_swept_away(run, toy, toy_experiment):
     (run.dataset / "iteration_001" / ".rollout_0000.npz.1.tmp").write_bytes(b"half")
     before = contents(run.best)
     train(toy, toy_experiment, run.path, resume=True)
-    assert not [p for p in run.path.rglob(".*.tmp")]
+    assert not list(run.path.rglob(".*.tmp"))
     assert contents(run.best) == before
 
 
