@@ -8,6 +8,7 @@ submitting what is missing.
 from __future__ import annotations
 
 import logging
+import multiprocessing
 import os
 from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
@@ -59,10 +60,25 @@ def engine(section: CollectionSection) -> Engine:
     if section.engine == "sequential" or (section.engine == "processes" and section.workers == 1):
         return Sequential()
     if section.engine == "processes":
+        if not semaphores():
+            logger.warning(
+                "no worker processes here: /dev/shm is missing or not writable; collecting in "
+                "this process, which gives the same files on one core"
+            )
+            return Sequential()
         return Processes(section)
     from clothrf_core.cluster import Cluster
 
     return Cluster(section)
+
+
+def semaphores() -> bool:
+    """Whether this machine offers the shared memory that worker processes need."""
+    try:
+        multiprocessing.get_context("spawn").Lock()
+    except OSError:
+        return False
+    return True
 
 
 class Sequential:

@@ -10,22 +10,17 @@ from typing_extensions import override
 from clothrf_core.errors import ClothrfError, ConfigError, ShapeError
 from clothrf_core.interfaces import Simulator
 from clothrf_core.params import SimulationParams
+from clothrf_core.sheet import hung, reachable
 from clothrf_core.types import ClothMesh, ClothState, Float
 from clothrf_sapien.cloth import Cloths
 from clothrf_sapien.config import ClothOptions
-from clothrf_sapien.starting import hung
 from clothrf_sapien.weave import Weave, weave
 
-REACH = 1e-3
-"""Relative excess of a corner distance over the cloth's own that still counts as reachable."""
 SETTLE_STEP = 1.0 / 30.0
 SETTLE_DRAG = 10.0
 JITTER = 1e-5
 UNFOLDING = ((5e-4, 2000.0), (2e-3, 500.0), (5e-3, 100.0))
 """Steps, s, and drags, 1/s, that a cloth with self-collision begins to settle with."""
-FIRST = [0, 0, 0, 1, 1, 2]
-SECOND = [1, 2, 3, 2, 3, 3]
-"""The six pairs of corners: hand 0, hand 1, grasp 0, grasp 1."""
 
 
 class ClothBatch:
@@ -176,23 +171,6 @@ class ClothSimulator(Simulator):
     @override
     def mesh(self) -> ClothMesh:
         return self._batch.mesh()
-
-
-def reachable(corners: Float, size: tuple[float, float]) -> bool:
-    """Whether a flat cloth of `size` metres can have its corners there without stretching.
-
-    A map of four points that lengthens no distance extends to the whole sheet without lengthening
-    any (Kirszbraun 1934), and a short map is as near as one likes to an unstretched one (Nash
-    1954), so the six corner distances decide.
-
-    Args:
-        corners: (4, 3) hand 0, hand 1, grasp 0, grasp 1.
-        size: along u and v.
-    """
-    w, v = size
-    own = np.array([w, v, np.hypot(w, v), np.hypot(w, v), v, w])
-    apart = corners[FIRST] - corners[SECOND]
-    return bool(np.all(np.einsum("ij,ij->i", apart, apart) <= (own * (1.0 + REACH)) ** 2))
 
 
 def _start(w: Weave, corners: Float, rng: np.random.Generator) -> Float:

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from clothrf_core.errors import ConfigError
 from clothrf_core.params import Fabric, SimulationParams
+from clothrf_core.sheet import grid_mesh
 from clothrf_core.types import ClothMesh, Float
 
 GRAVITY = 9.81
@@ -116,31 +117,6 @@ def weave(
         numbers=np.array([fabric.damping, fabric.drag, taut]),
         layers=np.array([CONTACT * fabric.stretch_warp * params.self_collision, thickness]),
         mesh=grid_mesh(params.size, params.resolution),
-    )
-
-
-def grid_mesh(size: tuple[float, float], resolution: tuple[int, int]) -> ClothMesh:
-    """Triangles, rest coordinates, corners and structural edges of the grid."""
-    nu, nv = resolution
-    number = np.arange(nu * nv, dtype=np.int32)
-    index = number.reshape(nu, nv) if nu > nv else number.reshape(nv, nu).T  # [iu, iv]
-    u, v = np.meshgrid(np.linspace(0, size[0], nu), np.linspace(0, size[1], nv), indexing="ij")
-    rest = np.zeros((nu * nv, 2))
-    rest[index.reshape(-1)] = np.stack([u.reshape(-1), v.reshape(-1)], axis=1)
-    a, b = index[:-1, :-1], index[1:, :-1]
-    c, d = index[:-1, 1:], index[1:, 1:]
-    # Cells are cut along alternating diagonals, so that the picture has no grain.
-    even = (np.add.outer(np.arange(nu - 1), np.arange(nv - 1)) % 2 == 0)[..., None]
-    first = np.where(even, np.stack([a, b, d], -1), np.stack([a, b, c], -1))
-    second = np.where(even, np.stack([a, d, c], -1), np.stack([b, d, c], -1))
-    edges = [(index[:-1], index[1:]), (index[:, :-1], index[:, 1:])]
-    return ClothMesh(
-        triangles=np.concatenate([first.reshape(-1, 3), second.reshape(-1, 3)]).astype(np.int32),
-        rest=rest,
-        corners=np.array([index[0, 0], index[-1, 0], index[0, -1], index[-1, -1]], np.int32),
-        edges=np.concatenate(
-            [np.stack([p.reshape(-1), q.reshape(-1)], axis=1) for p, q in edges]
-        ).astype(np.int32),
     )
 
 

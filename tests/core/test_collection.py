@@ -88,3 +88,14 @@ def test_what_a_job_says_is_wrong_reaches_the_user(processes):
 
 def test_one_worker_needs_no_other_process():
     assert isinstance(engine(CollectionSection(workers=1)), Sequential)
+
+
+def test_without_shared_memory_the_same_work_is_done_in_this_process(monkeypatch, caplog):
+    from multiprocessing.context import SpawnContext
+
+    def refused(self):
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(SpawnContext, "Lock", refused)
+    assert isinstance(engine(CollectionSection(workers=2)), Sequential)
+    assert "/dev/shm is missing or not writable" in caplog.text

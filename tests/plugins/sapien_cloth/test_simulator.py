@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from clothrf_sapien.config import ClothOptions
 from clothrf_sapien.fabrics import FABRICS
-from clothrf_sapien.simulator import ClothBatch, ClothSimulator, reachable
-from clothrf_sapien.starting import hung
+from clothrf_sapien.simulator import ClothBatch, ClothSimulator
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from clothrf_core.errors import ClothrfError, ConfigError, ShapeError
 from clothrf_core.params import Fabric
+from clothrf_core.sheet import hung, reachable
 
 from .sheets import GRASP, HANDS, params
 
