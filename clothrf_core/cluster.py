@@ -35,8 +35,12 @@ class Cluster:
         self._section = section
         self._local: Any = None
         if section.address == "local":
-            failures = {"distributed.scheduler.allowed-failures": section.attempts - 1}
-            with dask.config.set(failures):
+            # Nothing waits at a worker: a task that only waited there would share the blame.
+            settings = {
+                "distributed.scheduler.allowed-failures": section.attempts - 1,
+                "distributed.scheduler.worker-saturation": 1.0,
+            }
+            with dask.config.set(settings):
                 self._local = distributed.LocalCluster(
                     n_workers=section.workers,
                     threads_per_worker=1,
@@ -69,11 +73,11 @@ class Cluster:
                     yield job, future.result()
                     future.release()
                     continue
-                error = future.exception()
+                error: Any = future.exception() if future.status == "error" else None
                 if isinstance(error, ClothrfError):
                     raise error
                 killed = isinstance(error, distributed.KilledWorker)
-                if not killed and not isinstance(error, OSError):
+                if error is not None and not killed and not isinstance(error, OSError):
                     raise error
                 if not killed and attempt < self._section.attempts:
                     again = self._submit(job, attempt)
