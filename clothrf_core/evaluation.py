@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 
 from clothrf_core.compose import Workshop, cached_policy, cached_workshop
 from clothrf_core.interfaces import Policy
+from clothrf_core.loop import decide
 from clothrf_core.rollout import stream
-from clothrf_core.types import Action, DatasetView, Float, Observation
+from clothrf_core.types import DatasetView, Float, Observation
 
 # Student's t, 97.5 %, for 1..30 degrees of freedom.
 T_975 = (
@@ -128,11 +129,7 @@ def episode(shop: Workshop, job: EpisodeJob, policy: Policy | None) -> tuple[Flo
             if policy is not None:
                 features = shop.extractor.extract(observation)
                 invalid += not features.valid
-                action = (
-                    policy.act(features, job.task)
-                    if features.valid
-                    else Action.hold(observation.grasp)
-                )
+                action = decide(policy, features, job.task, observation.grasp)
             shop.robot.send(shop.limits.command(action, observation, sequence))
             wanted = expert.label(shop.world.state).targets
             errors.append(float(np.linalg.norm(shop.world.state.grasp - wanted, axis=1).mean()))

@@ -12,7 +12,7 @@ from typing import Protocol
 
 from clothrf_core.interfaces import Camera, FeatureExtractor, Policy, Robot
 from clothrf_core.limits import Limits
-from clothrf_core.types import Action, Features, Observation, RobotCommand
+from clothrf_core.types import Action, Features, GraspState, Observation, RobotCommand
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,14 +48,15 @@ class Controller:
         """See, think, limit, act."""
         observation = Observation(self.camera.read(), self.robot.state())
         features = self.extractor.extract(observation)
-        action = (
-            self.policy.act(features, self.task)
-            if features.valid
-            else Action.hold(observation.grasp)
-        )
+        action = decide(self.policy, features, self.task, observation.grasp)
         command = self.limits.command(action, observation, sequence)
         sent = self.robot.send(command)
         return Step(sequence, observation, features, action, sent)
+
+
+def decide(policy: Policy, features: Features, task: str, grasp: GraspState) -> Action:
+    """What the policy wants, or staying at `grasp` when the picture says nothing."""
+    return policy.act(features, task) if features.valid else Action.hold(grasp)
 
 
 def run(

@@ -16,6 +16,7 @@ from clothrf_core.camera_model import project
 from clothrf_core.errors import StaleFrame
 from clothrf_core.files import atomic_write
 from clothrf_core.interfaces import Camera, FeatureExtractor, Policy
+from clothrf_core.loop import decide
 from clothrf_core.plots import picture_png
 from clothrf_core.provider import BuildContext
 from clothrf_core.registry import Registry
@@ -70,10 +71,7 @@ def predict(
             return count
         state = GraspState(grasp, frame.stamp_ns)
         features = extractor.extract(Observation(frame, state))
-        actions = tuple(
-            (task, policy.act(features, task) if features.valid else Action.hold(state))
-            for task in tasks
-        )
+        actions = tuple((task, decide(policy, features, task, state)) for task in tasks)
         name = str(names[count]) if count < len(names) else f"{count:06d}"
         on_frame(Prediction(frame, name, features, actions))
         count += 1

@@ -18,7 +18,7 @@ from clothrf_core.dataset import Rollout, read_rollout, write_rollout
 from clothrf_core.errors import DataError
 from clothrf_core.files import names_digest
 from clothrf_core.interfaces import Policy
-from clothrf_core.loop import Controller
+from clothrf_core.loop import decide
 from clothrf_core.simulated import Disturbance
 from clothrf_core.types import Action, Features, Float, Observation
 
@@ -137,7 +137,11 @@ def roll_out(shop: Workshop, job: RolloutJob, policy: Policy | None) -> Rollout:
             observation = Observation(frame, shop.robot.state())
             if look:
                 features = shop.extractor.extract(observation)
-                learner = _learner(policy, features, observation, job.task)
+                learner = (
+                    None
+                    if policy is None
+                    else decide(policy, features, job.task, observation.grasp)
+                )
                 action, by_expert = mixture.act(expert, learner, coin)
             elif by_expert:
                 action = expert
@@ -174,14 +178,6 @@ class _Row:
     feasible: bool
 
 
-def _learner(
-    policy: Policy | None, features: Features, observation: Observation, task: str
-) -> Action | None:
-    if policy is None:
-        return None
-    return policy.act(features, task) if features.valid else Action.hold(observation.grasp)
-
-
 def _stacked(rows: list[_Row], job: RolloutJob, shop: Workshop) -> Rollout:
     return Rollout(
         features=np.stack([r.features.values for r in rows]),
@@ -205,8 +201,3 @@ def _stacked(rows: list[_Row], job: RolloutJob, shop: Workshop) -> Rollout:
             "beta": job.beta,
         },
     )
-
-
-def controller(shop: Workshop, policy: Policy, task: str) -> Controller:
-    """The control loop of `loop.py` in the simulated world."""
-    return Controller(shop.camera, shop.extractor, policy, shop.limits, shop.robot, task)

@@ -11,9 +11,10 @@ from clothrf_core.camera_model import project
 from clothrf_core.compose import Workshop
 from clothrf_core.geometry import look_at
 from clothrf_core.interfaces import Policy
+from clothrf_core.loop import decide
 from clothrf_core.rollout import stream
 from clothrf_core.scene import Picture
-from clothrf_core.types import Action, CameraModel, Float, Observation
+from clothrf_core.types import CameraModel, Float, Observation
 
 WANTED, DONE = (242, 140, 40), (60, 200, 120)
 Image = NDArray[np.uint8]
@@ -54,9 +55,7 @@ def film(
             action = truth
             if policy is not None:
                 features = shop.extractor.extract(observation)
-                action = (
-                    policy.act(features, task) if features.valid else Action.hold(observation.grasp)
-                )
+                action = decide(policy, features, task, observation.grasp)
             if sequence % every == 0:
                 shots.append(_shot(shop, picture, side, truth.targets, observation))
             shop.robot.send(shop.limits.command(action, observation, sequence))

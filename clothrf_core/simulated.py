@@ -177,13 +177,12 @@ class SimulatedWorld(World):
         return self._randomizer.corrupt(frame, self.params, self._sensor_rng)
 
     def _disturbance(self, params: Randomization) -> Float:
-        """Ornstein-Uhlenbeck offset of the hands, (2, 3) m, exact for any dt."""
+        """Offset of the hands at this step, (2, 3) m."""
         noise = params.hand_noise
         if noise.std <= 0.0:
             return self._offset
-        decay = np.exp(-self._dt / noise.time_constant_s)
-        kick = self._noise_rng.standard_normal((2, 3)) * noise.std * np.sqrt(1.0 - decay**2)
-        self._offset = decay * self._offset + kick
+        process = Disturbance(noise.std, self._dt, noise.time_constant_s)
+        self._offset = process.next(self._offset, self._noise_rng)
         return self._offset
 
 
@@ -252,7 +251,7 @@ class SimulatedRobot(Robot):
 
 @dataclass(frozen=True)
 class Disturbance:
-    """OU noise on grasp targets, to visit states that no expert would; (2, 3) m a call."""
+    """An Ornstein-Uhlenbeck offset, exact for any dt: of the hands, or of grasp targets."""
 
     std: float
     dt: float
