@@ -16,8 +16,9 @@ import numpy as np
 from clothrf_core import compose, config
 from clothrf_core.collection import Engine, Job, collect, engine
 from clothrf_core.dataset import Dataset
+from clothrf_core.errors import ConfigError
 from clothrf_core.evaluation import held_out
-from clothrf_core.interfaces import Policy
+from clothrf_core.interfaces import Policy, Refittable
 from clothrf_core.registry import Registry
 from clothrf_core.rollout import RolloutJob
 from clothrf_core.run_folder import RunFolder
@@ -86,11 +87,27 @@ def fit(
     view: DatasetView,
     iteration: int,
 ) -> tuple[Policy, dict[str, Any]]:
-    """Fit a fresh policy on `view` and save it as the one of `iteration`."""
+    """Fit a policy on `view` and save it as the one of `iteration`.
+
+    It is a fresh one, or, with ``training.rebuild = false``, the last one refitted.
+
+    Raises:
+        ConfigError: the last policy has to be refitted and cannot be.
+    """
     seed = resolved.experiment.run.seed
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(FIT_STREAM, iteration)))
     policy = compose.new_policy(resolved, registry)
-    facts = policy.fit(view, rng)
+    if resolved.experiment.training.rebuild or iteration == 1:
+        facts = policy.fit(view, rng)
+    elif isinstance(policy, Refittable):
+        last = policy.load(run.policy(iteration - 1))
+        facts = last.refit(view, rng)
+        policy = last
+    else:
+        raise ConfigError(
+            f"training.rebuild = false needs a policy that can be refitted; "
+            f"'{resolved.components['policy'].plugin}' has no method 'refit'. Leave it true"
+        )
     compose.save_policy(run.policy(iteration), policy, resolved, view.names)
     return policy, {"samples": len(view), **facts}
 

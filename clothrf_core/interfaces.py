@@ -129,6 +129,15 @@ class Policy(Protocol):
         """
 
 
+@runtime_checkable
+class Refittable(Protocol):
+    """A policy that can keep what it has built and learn only its answers anew."""
+
+    @abstractmethod
+    def refit(self, view: DatasetView, rng: np.random.Generator) -> Mapping[str, float]:
+        """Learn from all rows without building anew; needs an earlier `fit` or `load`."""
+
+
 class Expert(Protocol):
     """Knows the true hands and says where the grippers should be (the paper's pi*)."""
 

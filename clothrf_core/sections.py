@@ -65,7 +65,11 @@ class TrainingSection(Section):
         description="coin: the expert acts with probability beta at each step; "
         "blend: beta x* + (1 - beta) x^",
     )
-    rebuild: bool = Field(True, description="fit anew on all data at each iteration")
+    rebuild: bool = Field(
+        True,
+        description="build the policy anew at each iteration; false: keep what the first one built "
+        "(a forest's trees) and learn only its answers anew",
+    )
 
 
 class CollectionSection(Section):

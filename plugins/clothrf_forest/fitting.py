@@ -32,7 +32,7 @@ def fit_model(
     Raises:
         DataError: there are no rows, or numbers that are not finite.
     """
-    n, tasks, grasps = view.labels.shape[:3]
+    n, tasks = view.labels.shape[:2]
     if n == 0 or tasks == 0 or not view.names:
         raise DataError(f"forest: expected rows to learn from, got {n} rows of {tasks} tasks")
     targets = actions(view, anchored=config.target_frame == "anchor")
@@ -44,7 +44,15 @@ def fit_model(
     with one_blas_thread():
         base = lay(rows, targets, view.groups, config, first)
         trees = grown(base, view.groups, tasks, config, second, threads=threads)
-        leaves, facts = _leaves(base, trees, tasks, config)
+        return assembled(view, config, base, trees)
+
+
+def assembled(
+    view: DatasetView, config: ForestConfig, base: Foundation, trees: Grown
+) -> tuple[Model, Mapping[str, float]]:
+    """The model of a foundation and trees: leaves filled with the rows, confidence judged."""
+    tasks, grasps = view.labels.shape[1:3]
+    leaves, facts = _leaves(base, trees, tasks, config)
     calibration, errors = _judged(base, trees, leaves, view.tasks, config)
     model = Model(
         names=view.names,

@@ -12,7 +12,7 @@ import numpy as np
 from typing_extensions import override
 
 from clothrf_core.errors import DataError, FeatureMismatch, suggestion
-from clothrf_core.interfaces import Policy
+from clothrf_core.interfaces import Policy, Refittable
 from clothrf_core.types import Action, DatasetView, Features, Float
 from clothrf_forest import storage
 from clothrf_forest.answer import (
@@ -28,6 +28,7 @@ from clothrf_forest.answer import (
 from clothrf_forest.config import ForestConfig
 from clothrf_forest.fitting import fit_model
 from clothrf_forest.model import Model
+from clothrf_forest.refill import refilled
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +50,7 @@ class Estimate:
     novelty: float
 
 
-class Forest(Policy):
+class Forest(Policy, Refittable):
     """Random forest controller of Jia et al., single-task and multi-task in one.
 
     A picture that is not valid, or holds numbers that are not finite, is answered with
@@ -83,6 +84,13 @@ class Forest(Policy):
     def fit(self, view: DatasetView, rng: np.random.Generator) -> Mapping[str, float]:
         start = time.perf_counter()
         model, metrics = fit_model(view, self.config, rng)
+        self._use(model)
+        return {**metrics, "fit_s": time.perf_counter() - start}
+
+    @override
+    def refit(self, view: DatasetView, rng: np.random.Generator) -> Mapping[str, float]:
+        start = time.perf_counter()
+        model, metrics = refilled(self.model, view, rng)
         self._use(model)
         return {**metrics, "fit_s": time.perf_counter() - start}
 

@@ -240,3 +240,28 @@ def test_between_two_looks_time_passes_and_nothing_is_drawn(toy, toy_experiment,
     assert abs(shop.world.state.time_s - 20 / 30) < 1e-9
     moved = np.linalg.norm(np.diff(rollout.hands[:, 0], axis=0), axis=1)
     assert np.allclose(moved, 0.08 * 4 / 30, rtol=0.02)
+
+
+def test_a_policy_that_cannot_be_refitted_must_be_rebuilt(toy, toy_experiment, tmp_path):
+    text = toy_experiment.read_text().replace("iterations = 3", "iterations = 3\nrebuild = false")
+    toy_experiment.write_text(text)
+    with pytest.raises(ConfigError, match="'toy_mean' has no method 'refit'"):
+        train(toy, toy_experiment, tmp_path / "run")
+
+
+def test_without_rebuilding_the_first_policy_is_refitted(
+    toy, toy_experiment, tmp_path, monkeypatch
+):
+    from clothrf_toy.policy import MeanPolicy
+
+    refitted = []
+
+    def refit(self, view, rng):
+        refitted.append(len(view))
+        return self.fit(view, rng)
+
+    monkeypatch.setattr(MeanPolicy, "refit", refit, raising=False)
+    text = toy_experiment.read_text().replace("iterations = 3", "iterations = 3\nrebuild = false")
+    toy_experiment.write_text(text)
+    train(toy, toy_experiment, tmp_path / "run")
+    assert refitted == [32, 48]
