@@ -369,7 +369,8 @@ class BridgeEnd(Protocol):
     def put(self, q: Float, qd: Float) -> None:
         """Follow this posture and speed from now on.
 
-        After a restart, postures are ignored until one is close to what was measured.
+        After a restart, postures are ignored until one is close to what was measured. Where one of
+        several controllers went, the rest go on: so they can be stopped gently.
         """
 
     @abstractmethod

@@ -64,6 +64,11 @@ class SimulatedController:
     Args:
         model: how it behaves.
         posture: (7,) where it stands at first, rad along the chain.
+
+    Attributes:
+        q: (7,) where it stands now.
+        motors: on, so that it follows.
+        unplugged: what it sends goes nowhere, and nothing reaches it.
     """
 
     def __init__(self, model: ControllerModel, posture: Float) -> None:
@@ -71,6 +76,7 @@ class SimulatedController:
         self.q = np.array(posture, dtype=np.float64)
         self.counters = ControllerCounters()
         self.motors = True
+        self.unplugged = False
         self._speed = np.array(model.speed)
         self._decay = float(np.exp(-CYCLE_S / model.lag))
         self._target = self.q.copy()
@@ -98,7 +104,7 @@ class SimulatedController:
         """
         self._time += CYCLE_S
         if self._asked:
-            self._take(answer, in_time)
+            self._take(None if self.unplugged else answer, in_time)
         self._move()
         if self._down_for is not None:
             self._down_for -= CYCLE_S
@@ -116,7 +122,7 @@ class SimulatedController:
         self._sequence += 1
         self._asked = True
         self.counters.requests += 1
-        return request
+        return None if self.unplugged else request
 
     def restart(self) -> None:
         """Begin a new session: sequence 0, standing where the arm is."""

@@ -166,8 +166,11 @@ class EgmEnd(BridgeEnd):
             raise ClothrfError("egm: expected finite angles and speeds; the last posture is held")
         arms = (slice(0, ARM), slice(ARM, 2 * ARM))
         pairs = list(zip(arms, self._sessions, strict=True))
+        if self._settling:
+            # `measured` has said that an arm is missing: what comes now stops the other one.
+            pairs = [(arm, session) for arm, session in pairs if session.following]
         # Both or none: they hold the same cloth.
-        if self._settling or not all(session.accepts(posture[arm]) for arm, session in pairs):
+        if not pairs or not all(session.accepts(posture[arm]) for arm, session in pairs):
             self._refused += 1
             return
         for arm, session in pairs:

@@ -129,6 +129,11 @@ class Session:
             self.counters.requests += 1
             return self._reply(now)
 
+    @property
+    def following(self) -> bool:
+        """A posture was put since the session began; a new one may differ from the measured."""
+        return self._target is not None
+
     def accepts(self, q: Float) -> bool:
         """Whether `put` may be called with (7,) `q`; a first posture must be near the arm."""
         with self._lock:

@@ -73,13 +73,18 @@ class EgmSimulator:
         with self._lock:
             return np.concatenate([arm.q for arm in self.arms])
 
-    def switch_motors(self, *, on: bool) -> None:
-        """Motors of both arms; switched on, sessions begin anew."""
+    def switch_motors(self, *, on: bool, arms: Sequence[int] = (0, 1)) -> None:
+        """Motors of `arms`; switched on, their sessions begin anew."""
         with self._lock:
-            for arm in self.arms:
+            for arm in (self.arms[i] for i in arms):
                 arm.motors = on
                 if on:
                     arm.restart()
+
+    def unplug(self, arm: int) -> None:
+        """From now on nothing comes from that arm's controller, and nothing reaches it."""
+        with self._lock:
+            self.arms[arm].unplugged = True
 
     def restart(self, arm: int) -> None:
         """Begin a new session of one arm, as a program that was started again."""

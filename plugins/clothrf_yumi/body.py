@@ -13,6 +13,7 @@ import numpy as np
 import pinocchio as pin
 
 from clothrf_core.types import Float
+from clothrf_yumi.compiled import recall
 from clothrf_yumi.irb14000 import (
     AXES,
     BODY,
@@ -33,6 +34,7 @@ WITHIN_ARM = {
     "link 1": ("link 3", "link 4", "link 5", "link 6", "gripper", "fingers"),
     "link 2": ("link 4", "link 5", "link 6", "gripper", "fingers"),
 }
+MEMORIES = 2
 FIXED_LINKS = ("link 1", "link 2")  # too near the body to meet anything else of it
 
 
@@ -55,7 +57,8 @@ class Body:
     Body and table are padded, so that one threshold keeps the arms farther from them than from
     each other. Of each pair a bound is kept that its distance cannot be less than; turning the
     joints uses it up, and a pair is measured again only when its bound matters. Most pairs are far
-    apart most of the time. The answers are the same as without that memory.
+    apart most of the time. There are two such memories, because whoever looks ahead asks about two
+    postures in turn. The answers are the same as without memory.
     """
 
     def __init__(self, kinematics: Kinematics, *, table_height: float, padding: float) -> None:
@@ -83,13 +86,14 @@ class Body:
         joints = [shape.parentJoint for shape in shapes.geometryObjects]
         one, other = np.array([(joints[i], joints[j]) for i, j in self._pairs]).T
         self._carrier = np.array([other, one])
-        levers = self._levers()
+        levers = self._reaches()
         first, second = levers[np.array(self._pairs).T]
         # A joint that carries both bodies of a pair, or none, does not change their distance.
         moving = np.abs(kinematics.moves[one] - kinematics.moves[other])
-        self._lever = moving * np.maximum(first, second)
-        self._bound = np.full(len(self._pairs), -np.inf)
-        self._bound_at = kinematics.q
+        self._levers = np.ascontiguousarray((moving * np.maximum(first, second)).T)
+        self._bounds = np.full((MEMORIES, len(self._pairs)), -np.inf)
+        self._postures = np.zeros((MEMORIES, kinematics.model.nv))
+        self._bound = self._bounds[0]
         self._nothing = Near(np.zeros(0), np.zeros((0, kinematics.model.nv)))
 
     def _add_capsule(
@@ -113,7 +117,7 @@ class Body:
         self._names.append(name)
         self._capsules.append((joint, start, end, capsule.radius))
 
-    def _levers(self) -> Float:
+    def _reaches(self) -> Float:
         """(23, 14) metres: no point of a shape is farther from the axis of a joint before it."""
         steps = np.array([np.hypot(axis.a, axis.d) for axis in AXES])
         levers = np.zeros((len(self._names), 2 * len(AXES)))
@@ -162,21 +166,17 @@ class Body:
     def clearance(self) -> tuple[float, str]:
         """The least distance of all pairs, metres, and the pair's name."""
         self._place()
-        nearest = int(self._bound.argmin())
-        best = float(self._measure(nearest).min_distance)
-        for k in np.flatnonzero(self._bound < best).tolist():
-            distance = float(self._measure(k).min_distance)
-            if distance < best:
-                best, nearest = distance, k
+        measured: dict[int, float] = {}
+        while (nearest := int(self._bound.argmin())) not in measured:
+            measured[nearest] = float(self._measure(nearest).min_distance)
         one, other = self._pairs[nearest]
-        return best, f"{self._names[one]} - {self._names[other]}"
+        return measured[nearest], f"{self._names[one]} - {self._names[other]}"
 
     def _place(self) -> None:
         """Follow the arms to where `Kinematics.update` left them."""
         model, data, q = self._kinematics.model, self._kinematics.data, self._kinematics.q
         pin.updateGeometryPlacements(model, data, self._shapes, self._data)
-        self._bound -= self._lever @ np.abs(q - self._bound_at)
-        self._bound_at = q
+        self._bound = self._bounds[recall(self._bounds, self._postures, self._levers, q)]
 
     def _measure(self, k: int) -> coal.DistanceResult:
         result = pin.computeDistance(self._shapes, self._data, k)

@@ -7,8 +7,6 @@ set: the community version would send them to a server.
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 import ruckig
 from typing_extensions import override
@@ -16,6 +14,7 @@ from typing_extensions import override
 from clothrf_core.errors import RefusedTarget
 from clothrf_core.interfaces import JointLimiter
 from clothrf_core.types import Float
+from clothrf_yumi.compiled import NEW, settle
 from clothrf_yumi.limits import Limits
 
 # Ruckig keeps its bounds up to rounding; ours are kept exactly because its are this much tighter.
@@ -40,7 +39,9 @@ class RuckigLimiter(JointLimiter):
 
     def __init__(self, limits: Limits, dt: float, *, q: Float) -> None:
         joints = limits.lower.size
-        start = _checked("q", q, joints)
+        start = _shaped("q", q, joints)
+        if not np.isfinite(start).all():
+            raise _not_finite("q", start, int(np.argmin(np.isfinite(start))))
         if np.any(start < limits.lower) or np.any(start > limits.upper):
             j = int(np.argmax(np.maximum(limits.lower - start, start - limits.upper)))
             raise RefusedTarget(
@@ -64,22 +65,23 @@ class RuckigLimiter(JointLimiter):
         self._input.target_acceleration = [0.0] * joints
         self._input.current_position = start.tolist()
         self._input.target_position = start.tolist()
-        self._target = start.tobytes()
+        self._target = start.copy()
         self._stopping = False
         self._rest = True
 
     @override
     def tick(self, target: Float) -> tuple[Float, Float, Float]:
-        wanted = _checked("target", target, self._joints)
-        wanted = np.minimum(np.maximum(wanted, self._low), self._high)
+        wanted = _shaped("target", target, self._joints)
+        found = settle(wanted, self._low, self._high, self._target)
+        if found >= 0:
+            raise _not_finite("target", wanted, found)
         if self._stopping:
             self._input.control_interface = ruckig.ControlInterface.Position
             self._input.max_acceleration = self._cruise
             self._stopping = False
-            self._target = b""
-        if wanted.tobytes() != self._target:  # setting it anew would make Ruckig plan anew
-            self._input.target_position = wanted.tolist()
-            self._target = wanted.tobytes()
+            found = NEW
+        if found == NEW:  # setting it anew would make Ruckig plan anew
+            self._input.target_position = self._target.tolist()
         return self._advance()
 
     @override
@@ -96,11 +98,10 @@ class RuckigLimiter(JointLimiter):
         except ruckig.RuckigError as error:
             raise RefusedTarget(f"limiter: Ruckig refuses the motion: {error}") from error
         self._output.pass_to_input(self._input)
-        q = np.array(self._output.new_position)
-        qd = np.array(self._output.new_velocity)
-        qdd = np.array(self._output.new_acceleration)
+        now = self._output
+        rows = np.array((now.new_position, now.new_velocity, now.new_acceleration))
         self._rest = result == ruckig.Result.Finished
-        return q, qd, qdd
+        return rows[0], rows[1], rows[2]
 
     @property
     @override
@@ -108,14 +109,15 @@ class RuckigLimiter(JointLimiter):
         return self._rest
 
 
-def _checked(name: str, values: Float, joints: int) -> Float:
+def _shaped(name: str, values: Float, joints: int) -> Float:
     # Ruckig takes a short list silently and leaves the rest at zero.
     array = np.array(values, dtype=np.float64)
     if array.shape != (joints,):
         raise RefusedTarget(f"limiter: {name}: expected {joints} joints, got shape {array.shape}")
-    if not math.isfinite(array @ array):
-        bad = int(np.argmin(np.isfinite(array)))
-        raise RefusedTarget(
-            f"limiter: {name}: expected finite angles, got {array[bad]} at joint {bad}"
-        )
     return array
+
+
+def _not_finite(name: str, array: Float, joint: int) -> RefusedTarget:
+    return RefusedTarget(
+        f"limiter: {name}: expected finite angles, got {array[joint]} at joint {joint}"
+    )

@@ -33,6 +33,7 @@ from clothrf_zenoh.messages import JointTrajectoryCodec
 from clothrf_zenoh.state import Event, State, after
 
 MOVING = frozenset({State.ARMED, State.RUNNING})
+GONE = Refusal(Reason.CONTROLLER, "controller", "measurements of both arms", "none")
 
 # Ticks between two looks ahead; at 0.25 m/s a gripper moves 3 mm in this time.
 LOOK_EVERY = 3
@@ -64,14 +65,14 @@ class _Newest:
     """The newest accepted command of the present grant.
 
     Attributes:
-        angles: J commanded angles, rad.
-        speeds: J commanded speeds, rad/s.
+        angles: (J,) commanded angles, rad.
+        speeds: (J,) commanded speeds, rad/s.
         stamp_ns: the client's wall clock.
         mono_ns: when it was accepted.
     """
 
-    angles: list[float]
-    speeds: list[float]
+    angles: Float
+    speeds: Float
     stamp_ns: int
     mono_ns: int
 
@@ -103,7 +104,9 @@ class Bridge:
         self.bounds = bounds
         self._arm = arm
         self._codec = JointTrajectoryCodec(arm.joint_names)
-        self._watchdog_ns = int(1e9 * watchdog_s)
+        # A last command may have waited a tick to be read, and ticks jitter: noticed this much
+        # earlier, the client's own silence never lasts longer than `watchdog_s` and one tick.
+        self._watchdog_ns = int(1e9 * (watchdog_s - 1.5 * bounds.dt))
         self._max_gap_ns = int(1e9 * max_gap_s)
         # After so many silent ticks the pursuit begins anew, from where the arms are.
         self._pause_ns = int(1e9 * checks.PAUSE_TICKS * bounds.dt)
@@ -116,8 +119,9 @@ class Bridge:
         self._limiter: JointLimiter | None = None
         self._output: tuple[Float, Float] | None = None
         self._points = np.zeros((2, 3))
-        self._pursued: list[float] = []
+        self._pursued = np.zeros(0)
         self._measured: Float | None = None
+        self._lost = False
         self._last_tick_ns: int | None = None
         self._since_look = 0
 
@@ -148,11 +152,11 @@ class Bridge:
             return Refusal(Reason.MALFORMED, error.field, error.expected, error.found)
         newest, present, q = self._newest, self._output[0], command.positions
         # The first command is measured against the arms instead, by `check_start`.
-        before = q.tolist() if newest is None else newest.angles
+        before = q if newest is None else newest.angles
         elapsed_s = 0.0 if newest is None else 1e-9 * (sender.stamp_ns - newest.stamp_ns)
         refusal = checks.check_command(command, grant, before, elapsed_s, self.bounds)
         if refusal is None and newest is None:
-            points = self._arm.grasp_points(q)
+            points = self._grippers(q)
             refusal = checks.check_start(q, points, present, self._points, self.bounds)
         if refusal is not None:
             return refusal
@@ -161,10 +165,8 @@ class Bridge:
         self._sequence = sender.sequence
         self.tally.accepted += 1
         if newest is None or now.mono_ns - newest.mono_ns > self._pause_ns:
-            self._pursued = present.tolist()
-        self._newest = _Newest(
-            q.tolist(), command.velocities.tolist(), sender.stamp_ns, now.mono_ns
-        )
+            self._pursued = present
+        self._newest = _Newest(q, command.velocities, sender.stamp_ns, now.mono_ns)
         self._go(Event.COMMAND)
         return None
 
@@ -267,19 +269,25 @@ class Bridge:
 
         Args:
             now: the present.
-            measured: (q, qd) of the arms, None while there is no controller.
+            measured: (q, qd) of the arms, None while a controller of them is missing: arms in
+                motion are then stopped, and what is measured next is where all begins anew.
 
         Returns:
             (q, qd), each (J,), or None when there is nobody to tell.
         """
         gap_ns = 0 if self._last_tick_ns is None else now.mono_ns - self._last_tick_ns
         self._last_tick_ns = now.mono_ns
-        if measured is None:
+        self._measured = None if measured is None else np.array(measured[0], float)
+        if self._measured is None:
+            # Perhaps only one arm's controller went: the other is stopped gently first.
+            self._lost = True
+            self._halt(GONE)
+        if self._lost and self.at_rest:
             self._disconnect()
-            return None
-        self._measured = measured[0]
         if self._output is None:
-            self._adopt(measured[0])
+            if self._measured is None:
+                return None
+            self._adopt(self._measured)
         self._watch(now, gap_ns)
         if self._limiter is not None and (self.state is State.RUNNING or not self.at_rest):
             try:
@@ -331,7 +339,7 @@ class Bridge:
         else:
             q, qd, qdd = limiter.stop()
         bounds = self.bounds
-        points = self._arm.grasp_points(q)
+        points = self._grippers(q)
         distance = self._arm.clearance(q)
         refusal = (
             checks.check_motion(self._output, q, qd, qdd, bounds)
@@ -358,28 +366,32 @@ class Bridge:
         Every third tick. Bodies that are close but move apart are no reason to stop.
         """
         rest = checks.stopping_point(q, qd, qdd, self.bounds)
-        points = self._arm.grasp_points(rest)
+        points = self._grippers(rest)
         refusal = checks.check_grippers(points, points, np.inf, self.bounds)
         if refusal is None:
             least = min(self.bounds.clearance_ahead, distance - 1e-4)
             refusal = checks.check_clearance(self._arm.clearance(rest), least)
         return refusal
 
+    def _grippers(self, q: Float) -> Float:
+        """(2, 3) where both are at `q`, whatever array the arm model keeps them in."""
+        return np.array(self._arm.grasp_points(q), float, order="C")
+
     # ---- changes of state -----------------------------------------------------------------------
 
     def _adopt(self, q: Float) -> None:
         """Begin where the arms are; nothing moves until somebody is granted them."""
-        self._output = (np.array(q, float), np.zeros(len(q)))
-        self._points = self._arm.grasp_points(q)
+        self._output = (q, np.zeros(len(q)))
+        self._points = self._grippers(q)
         self._limiter = None
         self._go(Event.CONNECTED)
 
     def _disconnect(self) -> None:
         self._output = None
-        self._measured = None
         self._limiter = None
+        self._lost = False
         if self.state not in (State.DISCONNECTED, State.ESTOP, State.FAULT):
-            self.why = "no controller"
+            self.why = str(GONE)
         self._go(Event.LOST)
 
     def _halt(self, refusal: Refusal) -> None:

@@ -1,19 +1,21 @@
 """What may ever reach the arms, as pure functions: each gives a `Refusal` or None.
 
 Order of a command's life: `check_sender` (is it the armed client's, in order, fresh?), then
-`check_command` (does it say something these arms may do?), then Ruckig turns it into an output, and
-`check_output` decides whether that output may leave. Comparisons are written so that NaN fails.
+`check_command` (does it say something these arms may do?), then `pursue` and Ruckig turn it into an
+output, and `check_motion`, `check_grippers` and `check_clearance` decide whether that may leave.
+Comparisons over all joints are in `compiled`; NaN fails them all. What they found is put into words
+here.
 """
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field
 from enum import StrEnum
 
 import numpy as np
 
 from clothrf_core.types import Float
+from clothrf_zenoh import compiled
 from clothrf_zenoh.attachment import Attachment
 from clothrf_zenoh.messages import JointTrajectory, epoch_frame
 
@@ -54,6 +56,7 @@ class Reason(StrEnum):
     LEASE = "lease"
     GAP = "loop_gap"
     FOLLOWING = "following_error"
+    CONTROLLER = "controller_lost"
     INTERNAL = "internal"
 
 
@@ -146,11 +149,12 @@ class Bounds:
         start_joint: first command's distance from the present posture, rad.
         start_tcp: the same at the grippers, m.
         following: greatest distance between sent and measured posture, rad.
-        command_rows: (lower, upper, velocity) of each joint, as plain numbers: for a row of 14 a
-            loop is faster than numpy's calls.
-        motion_rows: (lower, upper, most speed, step, acceleration, speed step) of each joint.
-        cruising: a^2/j, 1/(2 a), a/(2 j), 1/j of each joint with a = cruise, for `pursue`.
-        stopping: the same four with a = acceleration, (J,) each, for `stopping_point`.
+        commanded: (3, J) lower, upper, velocity; as `compiled.bad_command` wants it.
+        moved: (6, J) lower, upper, and with the limiter's rounding velocity, step, acceleration,
+            speed step; as `compiled.bad_motion` wants it.
+        cruising: (4, J) S-curve of a joint at acceleration `cruise`; see `compiled.half_stop`.
+        stopping: the same at `acceleration`.
+        corners: (2, 3) `box`.
     """
 
     names: tuple[str, ...]
@@ -171,25 +175,24 @@ class Bounds:
     start_joint: float
     start_tcp: float
     following: float
-    command_rows: tuple[tuple[float, ...], ...] = field(init=False, repr=False)
-    motion_rows: tuple[tuple[float, ...], ...] = field(init=False, repr=False)
-    cruising: tuple[tuple[float, ...], ...] = field(init=False, repr=False)
-    stopping: tuple[Float, Float, Float, Float] = field(init=False, repr=False)
+    commanded: Float = field(init=False, repr=False)
+    moved: Float = field(init=False, repr=False)
+    cruising: Float = field(init=False, repr=False)
+    stopping: Float = field(init=False, repr=False)
+    corners: Float = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        v, dt = self.velocity, self.dt
-        command = (self.lower, self.upper, v)
-        most = (v, v * dt, self.acceleration, self.acceleration * dt)
-        motion = (self.lower, self.upper, *(limit + ROUNDING for limit in most))
-        object.__setattr__(self, "command_rows", _rows(*command))
-        object.__setattr__(self, "motion_rows", _rows(*motion))
-        a, c, j = self.acceleration, self.cruise, self.jerk
-        object.__setattr__(self, "stopping", (a * a / j, 0.5 / a, 0.5 * a / j, 1.0 / j))
-        object.__setattr__(self, "cruising", _rows(c * c / j, 0.5 / c, 0.5 * c / j, 1.0 / j))
+        v, a, dt = self.velocity, self.acceleration, self.dt
+        magnitudes = [limit + ROUNDING for limit in (v, v * dt, a, a * dt)]
+        object.__setattr__(self, "commanded", np.array([self.lower, self.upper, v]))
+        object.__setattr__(self, "moved", np.array([self.lower, self.upper, *magnitudes]))
+        object.__setattr__(self, "cruising", _s_curve(self.cruise, self.jerk))
+        object.__setattr__(self, "stopping", _s_curve(a, self.jerk))
+        object.__setattr__(self, "corners", np.array(self.box, float))
 
 
-def _rows(*columns: Float) -> tuple[tuple[float, ...], ...]:
-    return tuple(zip(*(column.tolist() for column in columns), strict=True))
+def _s_curve(a: Float, j: Float) -> Float:
+    return np.array([a * a / j, 0.5 / a, 0.5 * a / j, 1.0 / j])
 
 
 def check_sender(
@@ -215,40 +218,41 @@ def check_sender(
     return None
 
 
+COMMAND_ROWS = (
+    ("position", Reason.JOINT),
+    ("velocity", Reason.VELOCITY),
+    ("step", Reason.JUMP),
+)
+
+
 def check_command(
-    command: JointTrajectory,
-    grant: Grant,
-    before: list[float],
-    elapsed_s: float,
-    bounds: Bounds,
+    command: JointTrajectory, grant: Grant, before: Float, elapsed_s: float, bounds: Bounds
 ) -> Refusal | None:
     """May these arms be asked for this posture and speed?
 
     Args:
         command: decoded, so names and lengths are right.
         grant: whose command it is.
-        before: J angles commanded before, rad.
+        before: (J,) angles commanded before, rad.
         elapsed_s: time between the two commands' stamps.
         bounds: what is allowed.
     """
     if command.frame_id != grant.frame_id:
         return Refusal(Reason.EPOCH, "frame_id", grant.frame_id, command.frame_id)
-    q, qd = command.positions, command.velocities
+    q, qd, limits = command.positions, command.velocities, bounds.commanded
     # Two ticks of slack: stamps of a paced stream jitter, its positions do not.
-    window = max(elapsed_s, 0.0) + 2.0 * bounds.dt
-    columns = zip(q.tolist(), qd.tolist(), before, bounds.command_rows, strict=True)
-    for x, speed, old, (low, high, fastest) in columns:
-        far = fastest * window
-        if not (low <= x <= high and -fastest <= speed <= fastest and -far <= x - old <= far):
-            break
-    else:
+    window_s = max(elapsed_s, 0.0) + 2.0 * bounds.dt
+    bad = compiled.bad_command(q, qd, before, window_s, limits)
+    if bad == compiled.GOOD:
         return None
-    names, v = bounds.names, bounds.velocity
-    return (
-        within("position", q, bounds.lower, bounds.upper, names, Reason.JOINT)
-        or within("velocity", qd, -v, v, names, Reason.VELOCITY)
-        or within("step", q - np.array(before), -v * window, v * window, names, Reason.JUMP)
-    )
+    row, joint = divmod(bad, len(q))
+    field, reason = COMMAND_ROWS[row]
+    low, high, fastest = limits[:, joint].tolist()
+    if row > 0:
+        high = fastest * (1.0, window_s)[row - 1]
+        low = -high
+    value = (q[joint], qd[joint], q[joint] - before[joint])[row]
+    return _outside(f"{field} {bounds.names[joint]}", float(value), low, high, reason)
 
 
 def check_start(
@@ -264,7 +268,7 @@ def check_start(
         bounds: what is allowed.
     """
     reach = np.full(len(q), bounds.start_joint)
-    refusal = below("start", q - present, reach, bounds.names, Reason.START)
+    refusal = within("start", q - present, -reach, reach, bounds.names, Reason.START)
     if refusal is not None:
         return refusal
     far = float(np.linalg.norm(points - present_points, axis=1).max())
@@ -274,49 +278,47 @@ def check_start(
     return None
 
 
+MOTION_ROWS = (
+    ("output", Reason.JOINT),
+    ("speed", Reason.VELOCITY),
+    ("step", Reason.VELOCITY),
+    ("acceleration", Reason.ACCELERATION),
+    ("speed step", Reason.ACCELERATION),
+)
+
+
 def check_motion(
     before: tuple[Float, Float], q: Float, qd: Float, qdd: Float, bounds: Bounds
 ) -> Refusal | None:
     """Is this output a motion that the joints can do? The numbers themselves and their steps."""
-    dt = bounds.dt
-    numbers = (q.tolist(), qd.tolist(), qdd.tolist(), before[0].tolist(), before[1].tolist())
-    for x, v, a, x0, v0, row in zip(*numbers, bounds.motion_rows, strict=True):
-        low, high, fastest, step_most, hardest, change = row
-        if not (
-            low <= x <= high
-            and -fastest <= v <= fastest
-            and -step_most <= x - x0 <= step_most
-            and -hardest <= a <= hardest
-            and -change <= v - v0 <= change
-        ):
-            break
-    else:
+    bad = compiled.bad_motion(*before, q, qd, qdd, bounds.moved)
+    if bad == compiled.GOOD:
         return None
-    step, speed_step = q - before[0], qd - before[1]
-    names, v, a = bounds.names, bounds.velocity, bounds.acceleration
-    return (
-        within("output", q, bounds.lower, bounds.upper, names, Reason.JOINT)
-        or below("speed", qd, v, names, Reason.VELOCITY)
-        or below("step", step, v * dt, names, Reason.VELOCITY)
-        or below("acceleration", qdd, a, names, Reason.ACCELERATION)
-        or below("speed step", speed_step, a * dt, names, Reason.ACCELERATION)
-    )
+    row, joint = divmod(bad, len(q))
+    field, reason = MOTION_ROWS[row]
+    value = (q, qd, q - before[0], qdd, qd - before[1])[row][joint]
+    high = float(bounds.moved[row + 1, joint])
+    low = float(bounds.moved[0, joint]) if row == 0 else -high
+    return _outside(f"{field} {bounds.names[joint]}", float(value), low, high, reason)
 
 
 def check_grippers(
     points: Float, points_before: Float, speed_limit: float, bounds: Bounds
 ) -> Refusal | None:
     """Are both grippers inside their box and slow enough over the last tick?"""
+    step = speed_limit * bounds.dt
+    bad = compiled.bad_grippers(points, points_before, bounds.corners, step)
+    if bad == compiled.GOOD:
+        return None
+    too_fast, i = divmod(bad, len(points))
+    if too_fast:
+        speed = float(np.linalg.norm(points[i] - points_before[i])) / bounds.dt
+        limit = f"at most {speed_limit:g} m/s"
+        return Refusal(Reason.TCP_SPEED, "gripper speed", limit, f"{speed:.3f}")
     low, high = bounds.box
-    for (x, y, z), (u, v, w) in zip(points.tolist(), points_before.tolist(), strict=True):
-        if not (low[0] <= x <= high[0] and low[1] <= y <= high[1] and low[2] <= z <= high[2]):
-            inside = f"inside {list(low)} to {list(high)} m"
-            return Refusal(Reason.TCP_BOX, "gripper", inside, f"{x:.4f}, {y:.4f}, {z:.4f}")
-        speed = math.sqrt((x - u) ** 2 + (y - v) ** 2 + (z - w) ** 2) / bounds.dt
-        if not speed <= speed_limit:
-            limit = f"at most {speed_limit:g} m/s"
-            return Refusal(Reason.TCP_SPEED, "gripper speed", limit, f"{speed:.3f}")
-    return None
+    x, y, z = points[i].tolist()
+    inside = f"inside {list(low)} to {list(high)} m"
+    return Refusal(Reason.TCP_BOX, "gripper", inside, f"{x:.4f}, {y:.4f}, {z:.4f}")
 
 
 def check_clearance(found: tuple[float, str], least: float) -> Refusal | None:
@@ -331,19 +333,14 @@ def check_clearance(found: tuple[float, str], least: float) -> Refusal | None:
 def check_following(measured: Float, sent: Float, bounds: Bounds) -> Refusal | None:
     """Are the arms where they were sent?"""
     far = bounds.following
-    for x, y in zip(measured.tolist(), sent.tolist(), strict=True):
-        if not -far <= x - y <= far:
-            break
-    else:
+    bad = compiled.far_apart(measured, sent, far)
+    if bad == compiled.GOOD:
         return None
-    error = measured - sent
-    reach = np.full(len(sent), bounds.following)
-    return below("measured - sent", error, reach, bounds.names, Reason.FOLLOWING)
+    where = f"measured - sent {bounds.names[bad]}"
+    return _outside(where, float(measured[bad] - sent[bad]), -far, far, Reason.FOLLOWING)
 
 
-def pursue(
-    pursued: list[float], q: list[float], qd: list[float], bounds: Bounds
-) -> tuple[list[float], Float]:
+def pursue(pursued: Float, q: Float, qd: Float, bounds: Bounds) -> tuple[Float, Float]:
     """One tick of following a client at (q, qd): (the pursued posture, what to head for).
 
     Each joint of the pursued posture walks towards the client's, a little faster than the client
@@ -355,31 +352,15 @@ def pursue(
     the client ever was.
 
     Args:
-        pursued: J angles of the tick before, rad.
-        q: J angles of the newest command.
-        qd: J speeds of the newest command, rad/s.
+        pursued: (J,) posture of the tick before, rad.
+        q: (J,) angles of the newest command.
+        qd: (J,) speeds of the newest command, rad/s.
         bounds: accelerations and jerks.
     """
+    both = np.empty((2, q.size))
     quick, creep = CATCH_UP * bounds.dt, CREEP * bounds.dt
-    walked, target = [], []
-    for x, goal, speed, (knee, per_a, rise, per_j) in zip(
-        pursued, q, qd, bounds.cruising, strict=True
-    ):
-        v = speed if speed >= 0.0 else -speed
-        ahead = speed * (v * per_a + rise if v > knee else math.sqrt(v * per_j))
-        reach = quick * v
-        if reach < creep:
-            reach = creep
-        way = goal - x
-        if -reach <= way <= reach:
-            x = goal
-        else:
-            x += reach if way > 0.0 else -reach
-            left = abs(goal - x) / (PAUSE_TICKS * reach)
-            ahead *= min(max(1.5 - left, 0.0), 1.0)
-        walked.append(x)
-        target.append(x + ahead)
-    return walked, np.array(target)
+    compiled.walk(pursued, q, qd, bounds.cruising, quick, creep, PAUSE_TICKS, both)
+    return both[0], both[1]
 
 
 def stopping_point(q: Float, qd: Float, qdd: Float, bounds: Bounds) -> Float:
@@ -387,11 +368,9 @@ def stopping_point(q: Float, qd: Float, qdd: Float, bounds: Bounds) -> Float:
 
     As in `pursue`, but a joint still gaining speed first takes |qdd|/j to let go of it.
     """
-    knee, per_a, rise, per_j = bounds.stopping
-    release = np.maximum(np.sign(qd) * qdd, 0.0) * per_j
-    v = np.abs(qd) + 0.5 * bounds.jerk * release * release
-    half = np.where(v > knee, v * per_a + rise, np.sqrt(v * per_j))
-    return q + np.sign(qd) * v * (release + half)
+    there = np.empty(q.size)
+    compiled.rest(q, qd, qdd, bounds.stopping, there)
+    return there
 
 
 def within(
@@ -402,19 +381,10 @@ def within(
     if good.all():
         return None
     i = int(np.argmin(good))
-    bad = float(values[i])
-    why = reason if np.isfinite(bad) else Reason.NOT_FINITE
-    return Refusal(why, f"{field} {names[i]}", f"{low[i]:.4f} to {high[i]:.4f}", f"{bad:.4f}")
+    return _outside(f"{field} {names[i]}", float(values[i]), float(low[i]), float(high[i]), reason)
 
 
-def below(
-    field: str, values: Float, limit: Float, names: tuple[str, ...], reason: Reason
-) -> Refusal | None:
-    """Every magnitude at most its limit, to 1e-9 of rounding; NaN is above."""
-    good = np.abs(values) <= limit + ROUNDING
-    if good.all():
-        return None
-    i = int(np.argmin(good))
-    bad = float(values[i])
-    why = reason if np.isfinite(bad) else Reason.NOT_FINITE
-    return Refusal(why, f"{field} {names[i]}", f"at most {limit[i]:.4f}", f"{bad:.4f}")
+def _outside(where: str, value: float, low: float, high: float, reason: Reason) -> Refusal:
+    """`value` is not between `low` and `high`, or no number at all."""
+    why = reason if np.isfinite(value) else Reason.NOT_FINITE
+    return Refusal(why, where, f"{low:.4f} to {high:.4f}", f"{value:.4f}")

@@ -148,6 +148,11 @@ def bounds_of(arm: ArmModel, limits: LimitsSection, dt: float) -> Bounds:
             f"limits.tcp_speed: expected at most tcp_speed_hard {limits.tcp_speed_hard}, "
             f"found {limits.tcp_speed}"
         )
+    if limits.watchdog_s < 3.0 * dt:
+        raise ConfigError(
+            f"limits.watchdog_s: expected at least three ticks, {3e3 * dt:g} ms, found "
+            f"{1e3 * limits.watchdog_s:g} ms"
+        )
     joint = arm.limits
     return Bounds(
         names=tuple(arm.joint_names),

@@ -11,6 +11,7 @@ from clothrf_core.clock import Clock
 from clothrf_core.errors import ClothrfError
 from clothrf_core.interfaces import BridgeEnd
 from clothrf_core.registry import Registry
+from clothrf_core.types import Float
 from clothrf_zenoh import requests
 from clothrf_zenoh.bridge import MOVING, Bridge
 from clothrf_zenoh.checks import Instant
@@ -59,6 +60,7 @@ class Server:
         self._state_every = max(1, round(rate_hz / state_rate_hz))
         self._health_every = max(1, round(rate_hz / health_rate_hz))
         self._epoch = 0
+        self._failed = False
         self._published = ("", "", True)
 
     def run(self, stop: Callable[[], bool]) -> None:
@@ -81,14 +83,10 @@ class Server:
         self._wire.answer(self._handle)
         for attachment, payload in self._wire.commands():
             self.bridge.receive(attachment, payload, now)
-        try:
-            measured = self._end.measured()
-            output = self.bridge.tick(now, measured)
-            if output is not None:
-                self._end.put(*output)
-        except ClothrfError as error:
-            logger.error("bridge: the robot's end failed: %s", error)
-            measured = self.bridge.tick(now, None)
+        measured = self._measured()
+        output = self.bridge.tick(now, measured)
+        if output is not None:
+            self._put(*output)
         ticks = self.pace.ticks
         if measured is not None and ticks % self._state_every == 0:
             state = JointState(now.wall_ns, "", self._names, *measured)
@@ -99,6 +97,22 @@ class Server:
                 logger.info("bridge: %s %s", *news[:2])
             self._published = news
             self._publish_health(now)
+
+    def _measured(self) -> tuple[Float, Float] | None:
+        """Where the arms are; an end that fails, or failed to take its last posture, has none."""
+        failed, self._failed = self._failed, False
+        try:
+            return None if failed else self._end.measured()
+        except ClothrfError as error:
+            logger.error("bridge: the robot's end failed: %s", error)
+            return None
+
+    def _put(self, q: Float, qd: Float) -> None:
+        try:
+            self._end.put(q, qd)
+        except ClothrfError as error:
+            logger.error("bridge: the robot's end failed: %s", error)
+            self._failed = True
 
     def _now(self) -> Instant:
         return Instant(self._clock.now_ns(), wall_ns())

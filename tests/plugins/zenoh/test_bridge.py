@@ -350,6 +350,48 @@ def test_an_emergency_stop_survives_a_restart_of_the_controller(running):
     assert running.bridge.state is State.ESTOP
 
 
+def test_a_controller_lost_in_motion_is_a_gentle_stop_before_anything_else(running):
+    moving(running)
+    running.end.connected = False
+    outputs = [running.bridge.output]
+    while (out := running.tick()) is not None:
+        outputs.append(out)
+        assert running.bridge.state is State.HOLD
+    v = np.array([qd for _, qd in outputs])
+
+    assert len(outputs) > 5
+    assert (np.abs(np.diff(v, axis=0)) <= running.bounds.acceleration * DT + 1e-9).all()
+    assert not v[-1].any()
+    assert running.bridge.tally.stops == {Reason.CONTROLLER: 1}
+    assert running.bridge.state is State.DISCONNECTED
+    assert "controller: expected measurements of both arms" in running.bridge.why
+
+
+def test_a_controller_that_blinks_in_motion_is_stopped_and_begun_anew(running):
+    moving(running)
+    running.end.connected = False
+    running.tick()
+    running.end.connected = True
+    while not running.bridge.at_rest:
+        running.tick()
+        assert running.bridge.state is State.HOLD
+    stood = running.end.measured()[0]
+    running.tick()
+
+    assert running.bridge.state is State.IDLE
+    assert np.array_equal(running.bridge.output[0], stood)
+
+
+def test_cleared_without_a_controller_the_bridge_is_disconnected(running):
+    running.bridge.emergency_stop("test")
+    running.end.connected = False
+    running.tick(3)
+    running.bridge.clear()
+    running.tick()
+
+    assert running.bridge.state is State.DISCONNECTED
+
+
 def test_a_controller_that_comes_back_finds_the_arms_where_they_are_and_unarmed(running):
     running.end.connected = False
     running.tick()
