@@ -205,7 +205,7 @@ def test_compiled_touches_and_tip_equal_plain_python():
     start = rng.random(3).astype(np.float32)
     size = np.array([0, 24, 6], np.int32)
 
-    got = touches(label, size, mask, depth, measured, rays, start, 0.05)
+    got, boxes = touches(label, size, mask, depth, measured, rays, start, 0.05)
 
     want = np.zeros((3, 8))
     for y, x in np.argwhere(label > 0):
@@ -218,12 +218,13 @@ def test_compiled_touches_and_tip_equal_plain_python():
                 want[n, 0] += 1
                 want[n, 1:4] += start + depth[j, i] * rays[:, j, i]
     np.testing.assert_allclose(got, want, atol=1e-5)
+    np.testing.assert_array_equal(boxes[1:], [[3, 2, 9, 6], [2, 8, 4, 11]])
 
     away = np.array([0.3, -0.2, 0.1])
     p = (start[:, None, None] + measured * rays)[:, label == 1]
     along = away @ p / np.linalg.norm(away)
     end = p[:, along <= along.min() + 0.008].mean(axis=1)
-    np.testing.assert_allclose(tip(label, 1, measured, rays, start, away), end, atol=1e-5)
+    np.testing.assert_allclose(tip(label, 1, boxes[1], measured, rays, start, away), end, atol=1e-5)
 
 
 def test_points_are_the_worlds(rig, sheet):
