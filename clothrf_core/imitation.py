@@ -16,6 +16,7 @@ import numpy as np
 from clothrf_core import compose, config
 from clothrf_core.collection import Engine, Job, collect, engine
 from clothrf_core.dataset import Dataset
+from clothrf_core.errors import DataError
 from clothrf_core.errors import ConfigError
 from clothrf_core.evaluation import held_out
 from clothrf_core.interfaces import Policy, Refittable
@@ -78,6 +79,35 @@ def dagger(run: RunFolder, registry: Registry, progress: Progress) -> list[dict[
         workers.close()
     run.keep_best(best(records))
     return records
+
+
+def clone(
+    run: RunFolder, registry: Registry, data: Dataset, progress: Progress
+) -> list[dict[str, Any]]:
+    """Behaviour cloning: one fit on a finished data set; nothing is simulated.
+
+    Returns one record, as `dagger` does. Tested on the held-out roll-outs of `data`; where there
+    are none, on every fifth roll-out, which is then not learned from.
+    """
+    learned, tested = data.paths(), data.paths(kind="heldout")
+    if not tested:
+        tested = learned[::5]
+        learned = [path for path in learned if path not in tested]
+    if not learned:
+        raise DataError(
+            f"{data.folder}: expected at least two roll-outs, one to learn from and one to test "
+            f"on, found {len(tested)}"
+        )
+    start = time.perf_counter()
+    view = data.view(learned)
+    policy, facts = fit(run, run.resolved(registry), registry, view, 1)
+    seconds = {key: facts.pop(key) for key in sorted(facts) if key.endswith("_s")}
+    record = {"iteration": 1, "beta": 1.0, **facts, **held_out(policy, data.view(tested))}
+    run.finish([record], {"fit_and_test_s": time.perf_counter() - start, **seconds})
+    progress.advance("fit")
+    progress.finished(record)
+    run.keep_best(1)
+    return [record]
 
 
 def fit(
