@@ -87,6 +87,9 @@ def train(
         str | None, typer.Option(help="collect on a Dask cluster: tcp://host:port, or local")
     ] = None,
     workers: Annotated[int | None, typer.Option(help="worker processes", min=1)] = None,
+    data: Annotated[
+        Path | None, typer.Option(help="learn from this data set alone; nothing is simulated")
+    ] = None,
     overrides: Set = None,
 ) -> None:
     """Train a policy by imitation (DAgger). Example: clothrf train configs/straight.toml."""
@@ -96,7 +99,8 @@ def train(
     if workers is not None:
         extra["collection.workers"] = workers
     target = out or Path("runs") / config.stem
-    run = train_run(config, target, resume=resume, overrides={**_overrides(overrides), **extra})
+    changes = {**_overrides(overrides), **extra}
+    run = train_run(config, target, resume=resume, overrides=changes, data=data)
     draw_run(run, film=False)
     console.print(f"Policy: {run.best}\nReport: {run.path / 'report.html'}")
 

@@ -21,19 +21,32 @@ from clothrf_core.registry import Registry
 console = Console()
 
 
-def train_run(path: Path, out: Path, *, resume: bool, overrides: dict[str, Any] | None) -> Any:
-    """Train (or go on) with a bar and a line an iteration; returns the `RunFolder`."""
-    from clothrf_core import config, imitation
+def train_run(
+    path: Path,
+    out: Path,
+    *,
+    resume: bool,
+    overrides: dict[str, Any] | None,
+    data: Path | None = None,
+) -> Any:
+    """Train (or go on) with a bar and a line an iteration; returns the `RunFolder`.
+
+    With `data` nothing is simulated: the policy is fitted to that data set alone.
+    """
+    from clothrf_core import compose, config, imitation
+    from clothrf_core.dataset import Dataset
     from clothrf_core.run_folder import RunFolder
 
     registry = Registry.installed()
     resolved = config.load(path, registry, overrides)
+    given = None if data is None else Dataset.open(data)
     run = RunFolder.start(out, resolved, resume=resume)
     experiment = resolved.experiment
     done = len(run.metrics())
     left = (experiment.training.iterations - done) * experiment.training.rollouts
     with progress_bar() as bar:
-        row = bar.add_task("roll-outs", total=left + experiment.evaluation.rollouts)
+        total = 1 if given else left + experiment.evaluation.rollouts
+        row = bar.add_task("roll-outs" if given is None else "fit", total=total)
 
         class Shown:
             def advance(self, what: str) -> None:
@@ -47,7 +60,17 @@ def train_run(path: Path, out: Path, *, resume: bool, overrides: dict[str, Any] 
                     highlight=False,
                 )
 
-        imitation.dagger(run, registry, Shown())
+        if given is None:
+            imitation.dagger(run, registry, Shown())
+        else:
+            imitation.clone(run, registry, given, Shown())
+    if given is not None and compose.extractor(resolved, registry).names != given.names:
+        console.print(
+            f"[yellow]note[/yellow] {data} has other features than features.plugin = "
+            f"'{resolved.components['features'].plugin}' makes: 'clothrf run' will refuse this "
+            "policy",
+            highlight=False,
+        )
     return run
 
 
