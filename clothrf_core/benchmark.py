@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from clothrf_core.errors import ClothrfError, DataError
-from clothrf_core.provider import Benchmark, Figure
+from clothrf_core.provider import Benchmark, Figure, Setting
 from clothrf_core.run_folder import machine
 
 
@@ -27,7 +27,10 @@ class Outcome:
 
 
 def run_group(
-    benchmarks: Sequence[Benchmark], *, quick: bool, on_start: Callable[[Benchmark], None]
+    benchmarks: Sequence[Benchmark],
+    *,
+    setting: Setting,
+    on_start: Callable[[Benchmark], None] = lambda _: None,
 ) -> list[Outcome]:
     """Run measurements one after the other; one that cannot run is reported, not fatal."""
     outcomes = []
@@ -35,13 +38,19 @@ def run_group(
         on_start(benchmark)
         start = time.perf_counter()
         try:
-            figures, reason = benchmark.run(quick), ""
+            figures, reason = _measured(benchmark, setting), ""
         except (ClothrfError, ImportError) as error:
             figures, reason = [], f"{error}"
         except Exception as error:  # noqa: BLE001  the other measurements must still be made
             figures, reason = [], f"failed: {type(error).__name__}: {error}"
         outcomes.append(Outcome(benchmark, figures, time.perf_counter() - start, reason))
     return outcomes
+
+
+def _measured(benchmark: Benchmark, setting: Setting) -> list[Figure]:
+    if benchmark.study is not None:
+        return benchmark.study(setting)
+    return benchmark.run(setting.size == "quick")
 
 
 def as_json(outcomes: Sequence[Outcome]) -> dict[str, Any]:

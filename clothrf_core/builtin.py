@@ -8,7 +8,14 @@ from typing import Any
 from clothrf_core.errors import ConfigError
 from clothrf_core.hookspecs import hookimpl
 from clothrf_core.interfaces import Robot
-from clothrf_core.provider import Benchmark, BuildContext, NoOptions, Provider
+from clothrf_core.provider import (
+    Benchmark,
+    BuildContext,
+    Figure,
+    NoOptions,
+    Provider,
+    Setting,
+)
 
 
 @hookimpl
@@ -38,6 +45,9 @@ def clothrf_benchmarks() -> Sequence[Benchmark]:
         Benchmark("core", "collection of samples", lambda quick: _bench().collection(quick)),
         Benchmark("core", "the paper's schedule", lambda quick: _bench().schedule(quick)),
         Benchmark("core", "kill and resume", lambda quick: _bench().resumption(quick)),
+        Benchmark(
+            "paper", "the paper's claims", _quick_paper, study=lambda how: _paper().paper(how)
+        ),
         Benchmark("loop", "frame to command", lambda quick: _loop().frame_to_command(quick)),
         Benchmark("scale", "two Dask workers", lambda quick: _scale().two_workers(quick)),
         Benchmark("scale", "a Dask worker killed", lambda quick: _scale().killed_worker(quick)),
@@ -49,6 +59,17 @@ def _bench() -> Any:
     from clothrf_core import bench
 
     return bench
+
+
+def _paper() -> Any:
+    from clothrf_core.paper import run
+
+    return run
+
+
+def _quick_paper(quick: bool) -> list[Figure]:  # noqa: FBT001  the signature that Benchmark asks for
+    figures: list[Figure] = _paper().paper(Setting(size="quick" if quick else "usual"))
+    return figures
 
 
 def _loop() -> Any:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import sys
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import typer
 from rich.console import Console
@@ -18,10 +18,12 @@ from clothrf_core.console import (
     console,
     draw_run,
     evaluate_run,
+    print_figures,
     print_rows,
     progress_bar,
     short,
     train_run,
+    work_bar,
 )
 from clothrf_core.errors import ClothrfError, UnknownPlugin, suggestion
 from clothrf_core.registry import KINDS, Registry
@@ -296,12 +298,17 @@ def bench(
     group: Annotated[str, typer.Argument(help="core, robot, loop, scale, paper, calibration, all")],
     json: Annotated[Path | None, typer.Option(help="write the figures to this file")] = None,
     against: Annotated[Path | None, typer.Option(help="compare with an earlier file")] = None,
-    quick: Annotated[bool, typer.Option(help="minutes instead of the real thing")] = False,
+    quick: Annotated[bool, typer.Option("--quick", help="minutes, not the real thing")] = False,
+    full: Annotated[bool, typer.Option("--full", help="hours: all there is to measure")] = False,
+    out: Annotated[
+        Path | None, typer.Option(help="folder of a long measurement; a killed one goes on there")
+    ] = None,
     only: Annotated[str | None, typer.Option(help="only those with this in their name")] = None,
 ) -> None:
     """Measure, print, and write figures with the machine they were measured on."""
     from clothrf_core import benchmark
     from clothrf_core.files import atomic_write, json_bytes, read_json
+    from clothrf_core.provider import Setting
 
     registry = Registry.installed()
     groups = sorted({b.group for b in registry.benchmarks})
@@ -313,20 +320,15 @@ def bench(
         for b in registry.benchmarks
         if group in (b.group, "all") and (only is None or only in b.name)
     ]
-    outcomes = benchmark.run_group(
-        chosen, quick=quick, on_start=lambda b: console.print(f"[dim]{b.group}: {b.name} ...[/dim]")
-    )
+    size: Literal["quick", "usual", "full"] = "full" if full else "quick" if quick else "usual"
+    with work_bar() as (plan, done):
+        outcomes = benchmark.run_group(
+            chosen,
+            setting=Setting(size=size, out=out, plan=plan, done=done),
+            on_start=lambda b: console.print(f"[dim]{b.group}: {b.name} ...[/dim]"),
+        )
     written = benchmark.as_json(outcomes)
-    table = Table(box=None, header_style="bold")
-    for head in ("figure", "value", "unit", "detail"):
-        table.add_column(head, overflow="fold")
-    for name, figure in written["figures"].items():
-        detail = ", ".join(f"{k} {short(v)}" for k, v in figure["detail"].items())
-        table.add_row(name, short(figure["value"]), figure["unit"], detail)
-    console.print(f"[bold]{written['machine']['name']}[/bold]")
-    console.print(table)
-    for name, reason in written["skipped"].items():
-        console.print(f"[yellow]skipped[/yellow] {name}: {escape(reason)}", highlight=False)
+    print_figures(written)
     if json:
         atomic_write(json, json_bytes(written))
     if old is not None:

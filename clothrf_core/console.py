@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from rich.console import Console
+from rich.markup import escape
 from rich.progress import (
     BarColumn,
     MofNCompleteColumn,
     Progress,
+    TaskID,
+    TaskProgressColumn,
     TextColumn,
     TimeElapsedColumn,
     TimeRemainingColumn,
@@ -116,6 +121,51 @@ def progress_bar() -> Progress:
         TimeRemainingColumn(),
         console=console,
     )
+
+
+@contextmanager
+def work_bar() -> Iterator[tuple[Callable[[float], None], Callable[[str, float], None]]]:
+    """A line that shows what was done last, how far it is, and the time left.
+
+    Gives two functions, which a measurement without a plan never calls: one takes the work ahead
+    in rough seconds, the other what is done and how much of it that was.
+    """
+    bar = Progress(
+        BarColumn(bar_width=24),
+        TaskProgressColumn(),
+        TimeElapsedColumn(),
+        TextColumn("left"),
+        TimeRemainingColumn(),
+        TextColumn("{task.description}", markup=False),
+        console=console,
+    )
+    rows: list[TaskID] = []
+
+    def plan(seconds: float) -> None:
+        bar.start()
+        rows.append(bar.add_task("", total=seconds))
+
+    def done(what: str, seconds: float) -> None:
+        bar.update(rows[-1], advance=seconds, description=what)
+
+    try:
+        yield plan, done
+    finally:
+        bar.stop()
+
+
+def print_figures(written: Mapping[str, Any]) -> None:
+    """What `clothrf bench` found, and what it could not measure."""
+    table = Table(box=None, header_style="bold")
+    for head in ("figure", "value", "unit", "detail"):
+        table.add_column(head, overflow="fold")
+    for name, figure in written["figures"].items():
+        detail = ", ".join(f"{k} {short(v)}" for k, v in figure["detail"].items())
+        table.add_row(name, short(figure["value"]), figure["unit"], escape(detail))
+    console.print(f"[bold]{written['machine']['name']}[/bold]")
+    console.print(table)
+    for name, reason in written["skipped"].items():
+        console.print(f"[yellow]skipped[/yellow] {name}: {escape(reason)}", highlight=False)
 
 
 def print_rows(rows: list[list[str]]) -> None:

@@ -45,7 +45,11 @@ def held_out(policy: Policy, view: DatasetView) -> dict[str, Any]:
     Returns ``rms_mm``, ``mse_m2``, ``nre``, ``confidence`` (median) and ``tasks`` with the same
     numbers for each task.
     """
-    targets, confidence = predictions(policy, view)
+    return judged(view, *predictions(policy, view))
+
+
+def judged(view: DatasetView, targets: Float, confidence: Float) -> dict[str, Any]:
+    """`held_out` of (N, T, G, 3) targets and (N, T) confidences that are known already."""
     overall = error_numbers(view.labels, targets)
     per_task = {
         task: error_numbers(view.labels[:, t], targets[:, t]) for t, task in enumerate(view.tasks)
@@ -86,6 +90,8 @@ class EpisodeJob:
         index: number of the episode; the same number gives the same hands to every controller.
         targets: hand targets to visit.
         max_steps: end in any case.
+        then: tasks that follow `task`, each for `every_s`, over and over; empty = none.
+        every_s: how long each of them lasts, s.
     """
 
     config: str
@@ -95,11 +101,18 @@ class EpisodeJob:
     index: int
     targets: int
     max_steps: int
+    then: tuple[str, ...] = ()
+    every_s: float = 4.0
 
     @property
     def name(self) -> str:
         """How messages call it."""
         return f"episode {self.index} of {self.task} (seed {self.seed})"
+
+    def task_at(self, time_s: float) -> str:
+        """The task that is asked for `time_s` after the start."""
+        turns = (self.task, *self.then)
+        return turns[int(time_s / self.every_s + 1e-9) % len(turns)]
 
     def run(self) -> dict[str, float]:
         """Errors in mm of the grasp against x* of the same instant."""
@@ -115,21 +128,22 @@ class EpisodeJob:
 
 def episode(shop: Workshop, job: EpisodeJob, policy: Policy | None) -> tuple[Float, int]:
     """(S,) mean distance of the grippers from x* in metres, and how many frames were invalid."""
-    expert = shop.experts[job.task]
-    shop.world.reset(stream(job.seed, "episode", 0, job.index), expert)
+    shop.world.reset(stream(job.seed, "episode", 0, job.index), shop.experts[job.task])
     errors: list[float] = []
     invalid = 0
     with shop.camera, shop.robot:
         for sequence in range(job.max_steps):
             if shop.world.arrivals >= job.targets:
                 break
+            task = job.task_at(sequence * shop.limits.dt)
+            expert = shop.experts[task]
             truth = expert.label(shop.world.state)
             observation = Observation(shop.camera.read(), shop.robot.state())
             action = truth
             if policy is not None:
                 features = shop.extractor.extract(observation)
                 invalid += not features.valid
-                action = decide(policy, features, job.task, observation.grasp)
+                action = decide(policy, features, task, observation.grasp)
             shop.robot.send(shop.limits.command(action, observation, sequence))
             wanted = expert.label(shop.world.state).targets
             errors.append(float(np.linalg.norm(shop.world.state.grasp - wanted, axis=1).mean()))

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import io
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -28,7 +29,8 @@ def _pyplot() -> Any:
     return plt
 
 
-def _axes(width: float = 6.4, height: float = 3.6, columns: int = 1) -> tuple[Any, Any]:
+def house_axes(width: float = 6.4, height: float = 3.6, columns: int = 1) -> tuple[Any, Any]:
+    """An empty figure of one row in the house style, and its axes."""
     plt = _pyplot()
     figure, axes = plt.subplots(1, columns, figsize=(width, height), layout="constrained")
     for axis in np.atleast_1d(axes):
@@ -41,7 +43,7 @@ def _axes(width: float = 6.4, height: float = 3.6, columns: int = 1) -> tuple[An
 def convergence(records: Sequence[Mapping[str, Any]]) -> Any:
     """Held-out error per task and number of leaves over the DAgger iterations."""
     has_leaves = all("leaves" in r for r in records)
-    figure, axes = _axes(9.0 if has_leaves else 5.4, 3.4, 2 if has_leaves else 1)
+    figure, axes = house_axes(9.0 if has_leaves else 5.4, 3.4, 2 if has_leaves else 1)
     left = np.atleast_1d(axes)[0]
     x = [r["iteration"] for r in records]
     for task in records[0]["tasks"]:
@@ -59,7 +61,7 @@ def convergence(records: Sequence[Mapping[str, Any]]) -> Any:
 
 def closed_loop(table: Sequence[Mapping[str, Any]]) -> Any:
     """Mean grasp error of controllers with 95 % intervals; one bar a controller and task."""
-    figure, axis = _axes(1.8 + 1.1 * len(table), 3.4)
+    figure, axis = house_axes(1.8 + 1.1 * len(table), 3.4)
     for i, row in enumerate(table):
         colour = GREY if row["controller"] == "expert" else BLUE
         axis.bar(i, row["mean_mm"], yerr=row["half_mm"], color=colour, width=0.62, capsize=4)
@@ -82,12 +84,22 @@ def closed_loop(table: Sequence[Mapping[str, Any]]) -> Any:
 
 def confidence(curve: NDArray[np.float64]) -> Any:
     """What a stated confidence is worth: RMS error against confidence."""
-    figure, axis = _axes(4.8, 3.4)
+    figure, axis = house_axes(4.8, 3.4)
     axis.plot(curve[:, 0], curve[:, 1], marker="o", color=BLUE)
     for c, rms, n in curve:
         axis.annotate(f"{n:.0f}", (c, rms), xytext=(0, 5), textcoords="offset points", fontsize=7)
     axis.set(xlabel="confidence", ylabel="RMS error, mm", xlim=(0, 1), ylim=(0, None))
     return figure
+
+
+@contextlib.contextmanager
+def fixed_ids() -> Iterator[None]:
+    """Equal figures written as SVG give equal bytes inside this block."""
+    _pyplot()
+    import matplotlib as mpl
+
+    with mpl.rc_context({"svg.hashsalt": "clothrf"}):
+        yield
 
 
 def png(figure: Any, *, dpi: int = 130) -> bytes:

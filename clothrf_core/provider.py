@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Generic, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, Literal, TypeVar
 
 from clothrf_core.rig import Rig, Section
 
@@ -91,6 +91,23 @@ class Figure:
 
 
 @dataclass(frozen=True, slots=True)
+class Setting:
+    """How a long measurement is made.
+
+    Attributes:
+        size: how much of it: quick, usual or full.
+        out: where it keeps its work and goes on after a kill; None = where it always does.
+        plan: told how much work is ahead, in rough seconds.
+        done: told what is behind: its name and rough seconds.
+    """
+
+    size: Literal["quick", "usual", "full"] = "usual"
+    out: Path | None = None
+    plan: Callable[[float], None] = lambda _: None
+    done: Callable[[str, float], None] = lambda _, __: None
+
+
+@dataclass(frozen=True, slots=True)
 class Benchmark:
     """A measurement of `clothrf bench GROUP`.
 
@@ -99,9 +116,11 @@ class Benchmark:
         name: what it measures.
         run: does it; gets True for the quick form, returns its figures.
         needs: what it cannot run without (``vulkan``, an extra); printed when it is skipped.
+        study: does it at length instead of `run`, in a folder, with progress.
     """
 
     group: str
     name: str
     run: Callable[[bool], list[Figure]]
     needs: str = ""
+    study: Callable[[Setting], list[Figure]] | None = None

@@ -128,18 +128,19 @@ def _page(
             f"<figcaption>{html.escape(caption)}</figcaption></figure>"
         )
     if evaluation.get("closed_loop"):
-        parts += ["<h2>Closed loop</h2>", _table(closed_loop_rows(evaluation["closed_loop"]))]
+        parts += ["<h2>Closed loop</h2>", html_table(closed_loop_rows(evaluation["closed_loop"]))]
     per_task = [{"task": task, **numbers} for task, numbers in best["tasks"].items()]
     columns = {"task": "task", "rms_mm": "RMS, mm|.1f", "mse_m2": "MSE, m²|.2e", "nre": "NRE|.4f"}
-    parts += ["<h2>Held-out error by task</h2>", _table(table_text(per_task, columns))]
-    parts += ["<h2>DAgger iterations</h2>", _table(convergence_rows(records))]
+    parts += ["<h2>Held-out error by task</h2>", html_table(table_text(per_task, columns))]
+    parts += ["<h2>DAgger iterations</h2>", html_table(convergence_rows(records))]
     parts.append(f"<h2>Configuration</h2><pre>{html.escape(run.experiment.read_text())}</pre>")
     packages = ", ".join(f"{k} {v}" for k, v in versions["packages"].items())
     parts.append(f"<p class=note>{html.escape(packages)}</p></html>")
     return "\n".join(parts)
 
 
-def _table(rows: Sequence[Sequence[str]]) -> str:
+def html_table(rows: Sequence[Sequence[str]]) -> str:
+    """A table whose first row is its header."""
     head, *body = rows
     lines = ["<table><tr>" + "".join(f"<th>{html.escape(c)}</th>" for c in head) + "</tr>"]
     lines += ["<tr>" + "".join(f"<td>{html.escape(c)}</td>" for c in row) + "</tr>" for row in body]

@@ -70,7 +70,7 @@ class RunFolder:
                     f"{path}: was started with another config, see {run.experiment}. "
                     "Choose another folder with --out"
                 )
-            _sweep(path)
+            sweep(path)
             if not (path / "versions.json").exists():  # killed between the first two files
                 atomic_write(path / "versions.json", json_bytes(versions()))
             return run
@@ -175,7 +175,7 @@ def machine() -> str:
     return f"{model}, {os.cpu_count()} cores, {platform.system()}"
 
 
-def _sweep(path: Path) -> None:
+def sweep(path: Path) -> None:
     """Remove what a killed writer left behind: temporary files and folders, never a result."""
     for pattern in (".*.tmp", ".*.old"):
         for left in list(path.rglob(pattern)):
@@ -192,6 +192,7 @@ def _training_part(text: str) -> dict[str, Any]:
     tree = tomllib.loads(text)
     tree.pop("collection", None)
     tree.pop("evaluation", None)
+    tree.pop("tune", None)
     return tree
 
 

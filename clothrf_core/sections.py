@@ -95,6 +95,24 @@ class EvaluationSection(Section):
     max_steps: int = Field(1500, ge=1, description="of an episode, if targets are never reached")
 
 
+class TuneSection(Section):
+    """`[tune]`: what `clothrf tune` tries; nothing else reads it."""
+
+    policy: dict[str, Any] = Field(
+        {},
+        description="option of the policy = list of values to try; nested options in nested "
+        "tables; empty = what the policy itself declares",
+    )
+    search: Literal["halving", "random", "grid"] = Field(
+        "halving",
+        description="grid: all combinations; random: some of them; halving: many on few "
+        "roll-outs, the best third of them on three times as many, and so on",
+    )
+    candidates: int = Field(27, ge=2, description="combinations at most, the present one included")
+    folds: int = Field(4, ge=2, description="sets of whole roll-outs that are left out in turn")
+    rollouts: int = Field(60, ge=4, description="expert-led roll-outs to learn from and judge on")
+
+
 class Experiment(Section):
     """First pass: the sections. Those that name a plugin are checked in the second pass."""
 
@@ -113,3 +131,4 @@ class Experiment(Section):
     training: TrainingSection = TrainingSection()
     collection: CollectionSection = CollectionSection()
     evaluation: EvaluationSection = EvaluationSection()
+    tune: TuneSection | None = None

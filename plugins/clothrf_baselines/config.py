@@ -134,6 +134,7 @@ class JoinedPart(Section):
 
     plugin: str = Field(description="name of the extractor")
     options: dict[str, Any] = Field({}, description="that extractor's own options")
+    prefix: str = Field("", description="put before each of its names; keeps like parts apart")
 
 
 class JoinedConfig(Section):

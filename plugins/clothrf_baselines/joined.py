@@ -17,9 +17,14 @@ from clothrf_core.types import Features, Observation
 class Joined(FeatureExtractor):
     """Features of all parts in order; the anchor of the first; valid only if all parts are."""
 
-    def __init__(self, parts: tuple[FeatureExtractor, ...]) -> None:
+    def __init__(
+        self, parts: tuple[FeatureExtractor, ...], prefixes: tuple[str, ...] | None = None
+    ) -> None:
         self.parts = parts
-        self._names = tuple(name for part in parts for name in part.names)
+        before = prefixes or ("",) * len(parts)
+        self._names = tuple(
+            prefix + name for part, prefix in zip(parts, before, strict=True) for name in part.names
+        )
 
     @property
     @override
@@ -65,7 +70,9 @@ def build_joined(config: JoinedConfig, context: BuildContext) -> Joined:
                 f"features.parts.{index}.options of '{part.plugin}': {problems}"
             ) from error
         parts.append(registry.build("features", part.plugin, options, context))
-    joined = Joined(tuple(parts))
+    joined = Joined(tuple(parts), tuple(part.prefix for part in config.parts))
     if len(set(joined.names)) < len(joined.names):
-        raise ConfigError("features.parts: expected different feature names, got some twice")
+        raise ConfigError(
+            "features.parts: expected different feature names, got some twice; give a part a prefix"
+        )
     return joined

@@ -37,6 +37,9 @@ class Baseline(Policy):
         self._fit: Fit | None = None
         self._answer: Predictor | None = None
         self._known: tuple[str, ...] = ()
+        # One answer holds all tasks: asked for the next task, the same picture is not judged again.
+        self._asked: Features | None = None
+        self._said: Float | None = None
 
     @property
     @override
@@ -94,8 +97,11 @@ class Baseline(Policy):
         except ValueError:
             hint = suggestion(task, fit.tasks)
             raise DataError(f"{self.name}: not fitted for task '{task}'. {hint}") from None
-        x = self._row(features, fit)
-        y = answer(x) if features.valid and bool(np.isfinite(x).all()) else None
+        if features is not self._asked:
+            x = self._row(features, fit)
+            sound = features.valid and bool(np.isfinite(x).all())
+            self._said, self._asked = answer(x) if sound else None, features
+        y = self._said
         if y is None or not np.isfinite(y).all():
             return Action(targets=np.array(fit.fallback[index]), confidence=0.0)
         targets: Float = (y * fit.y_scale + fit.y_mean).reshape(fit.fallback.shape)[index]
@@ -150,6 +156,7 @@ class Baseline(Policy):
         self._answer = self._method.predictor(fit.arrays, self.config)
         self._fit = fit
         self._known = fit.names
+        self._asked = None
 
     def _check_names(self, names: tuple[str, ...]) -> None:
         wanted = self._ready()[0].names

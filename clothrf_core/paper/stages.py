@@ -1,0 +1,284 @@
+"""What a study does, in three stages: roll-outs, then fits and DAgger runs, then closed loops.
+
+Within a stage everything is independent of everything else and runs on all workers.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from clothrf_core.errors import ClothrfError
+from clothrf_core.evaluation import EpisodeJob
+from clothrf_core.paper import data
+from clothrf_core.paper.cells import Cell, File, Work
+from clothrf_core.paper.data import Workspace, seed_of
+from clothrf_core.paper.fitting import FitJob, section
+from clothrf_core.paper.live import DaggerJob
+from clothrf_core.paper.strange import StrangeJob
+from clothrf_core.paper.study import Condition, conditions
+from clothrf_core.provider import BuildContext
+
+# Rough seconds on one core, so that the time left is worth reading.
+SAMPLE_S, ROW_FIT_S, EPISODE_STEP_S = 0.02, 1.2e-3, 0.008
+TEST, LIVE = "test", "live"
+
+
+def prepared(space: Workspace) -> dict[str, str]:
+    """Write every experiment that the study needs; which controllers are missing, and why.
+
+    Done once, by one process, before the workers start.
+    """
+    study = space.study
+    space.experiment(TEST, study.regimes[study.roles.table].change)
+    for name, regime in study.regimes.items():
+        space.experiment(name, regime.change)
+    for condition in conditions(study, quick=space.quick):
+        space.experiment(condition.name, condition.change)
+    for name, odd in study.strange.items():
+        space.experiment(f"strange_{name}", odd.change)
+    space.experiment(LIVE, study.live)
+    missing = {}
+    for name, controller in study.controllers.items():
+        options = dict(controller.policy)
+        plugin = str(options.pop("plugin"))
+        try:
+            provider = space.registry.find("policy", plugin)
+            chosen = provider.config.model_validate(options)
+            space.registry.build("policy", plugin, chosen, BuildContext(registry=space.registry))
+        except ClothrfError as error:
+            missing[name] = str(error)
+    return missing
+
+
+def rollouts(space: Workspace) -> list[Work]:
+    """Everything that has to be simulated before anything can be learnt."""
+    study, size = space.study, space.size
+    work: list[Work] = []
+    for repeat in range(size.seeds):
+        for name, regime in study.regimes.items():
+            count = max(5, round(regime.share * size.rollouts))
+            work += data.training(space, name, repeat, count, SAMPLE_S)
+        work += data.testing(space, TEST, repeat, size.test_rollouts, SAMPLE_S, purpose="test")
+        for condition in conditions(study, quick=space.quick):
+            work += data.testing(
+                space,
+                condition.name,
+                repeat,
+                size.condition_rollouts,
+                SAMPLE_S,
+                purpose="condition",
+            )
+        for name, odd in study.strange.items():
+            count = max(1, size.strange // size.test_steps)
+            files = data.testing(
+                space, f"strange_{name}", repeat, count, SAMPLE_S, purpose="strange"
+            )
+            work += [dataclasses.replace(f, job=StrangeJob(f.job, odd.scene)) for f in files]  # type: ignore[arg-type]
+    return sorted(work, key=_place)
+
+
+def _place(work: Work) -> str:
+    """Roll-outs of one experiment together: a worker builds its simulator once."""
+    return str(Path(work.out).parent.parent.parent) if isinstance(work, File) else work.out
+
+
+def learning(space: Workspace, missing: dict[str, str]) -> list[Work]:
+    """All fits and DAgger runs, the longest first."""
+    work: list[Work] = [*daggers(space)]
+    for repeat in range(space.size.seeds):
+        work += [*tables(space, missing, repeat), *single_tasks(space, repeat)]
+    return work
+
+
+def tables(space: Workspace, missing: dict[str, str], repeat: int) -> Iterator[Cell]:
+    """Every controller at every share of the table's data, and hard ones on the other regimes."""
+    study, size = space.study, space.size
+    for name, regime in study.regimes.items():
+        count = max(5, round(regime.share * size.rollouts))
+        table = name == study.roles.table
+        wanted = list(study.controllers) if table else regime.only or study.hard()
+        for controller in wanted:
+            if controller in missing:
+                continue
+            for share in size.shares if table else [1.0]:
+                yield fit(space, name, controller, share, repeat, max(2, round(share * count)))
+
+
+def fit(
+    space: Workspace, regime: str, controller: str, share: float, repeat: int, rollouts: int
+) -> Cell:
+    """One controller on some roll-outs of a regime; on the whole of it, tested on everything."""
+    study = space.study
+    whole, chosen = share == 1.0, study.controllers[controller]
+    hard = whole and (chosen.hard or regime != study.roles.table)
+    keep = whole and chosen.live and regime == study.roles.table
+    tests = [TEST] + (
+        [c.name for c in conditions(study, quick=space.quick) if _fits(space, c, chosen.columns)]
+        if hard
+        else []
+    )
+    job = FitJob(
+        label=f"{controller}, {share:.0%} of {regime} (seed {repeat})",
+        config=str(space.experiment(regime, {})),
+        policy=section(chosen.policy),
+        columns=tuple(chosen.columns),
+        train=str(space.dataset(regime, repeat).folder),
+        rollouts=rollouts,
+        seed=seed_of("train", repeat),
+        tests=tuple((t, str(space.dataset(t, repeat).folder)) for t in tests),
+        strange=_strange(space, repeat, chosen.columns) if hard else (),
+        keep=str(space.out / "policies" / f"{controller}_{repeat}") if keep else "",
+    )
+    samples = rollouts * space.size.steps
+    return Cell(job, str(fit_path(space, regime, controller, share, repeat)), samples * ROW_FIT_S)
+
+
+def fit_path(space: Workspace, regime: str, controller: str, share: float, repeat: int) -> Path:
+    """Where the result of a fit is."""
+    folder = space.out / "cells" / "fit" / regime / controller
+    return folder / f"{round(100 * share):03d}_seed_{repeat}.json"
+
+
+def _fits(space: Workspace, condition: Condition, beginnings: list[str]) -> bool:
+    """Whether the pictures of a condition have the features that a controller reads."""
+    names = data.layout(space.experiment(condition.name, {}))[0]
+    return all(any(n.startswith(b) for n in names) for b in beginnings)
+
+
+def _strange(space: Workspace, repeat: int, beginnings: list[str]) -> tuple[tuple[str, str], ...]:
+    found = []
+    for name in space.study.strange:
+        dataset = space.dataset(f"strange_{name}", repeat)
+        if all(any(n.startswith(b) for n in dataset.names) for b in beginnings):
+            found.append((name, str(dataset.folder)))
+    return tuple(found)
+
+
+def single_tasks(space: Workspace, repeat: int) -> Iterator[Cell]:
+    """The forest for one task at a time: on all states, and on those that its expert led."""
+    study, size = space.study, space.size
+    regime, controller = study.roles.table, study.controllers[study.roles.forest]
+    dataset = space.dataset(regime, repeat)
+    if len(dataset.tasks) < 2:
+        return
+    for own in (False, True):
+        for task in dataset.tasks:
+            job = FitJob(
+                label=f"{task} alone, {'its own' if own else 'all'} states (seed {repeat})",
+                config=str(space.experiment(regime, {})),
+                policy=section(controller.policy),
+                columns=tuple(controller.columns),
+                train=str(dataset.folder),
+                rollouts=size.rollouts,
+                seed=seed_of("train", repeat),
+                tests=((TEST, str(space.dataset(TEST, repeat).folder)),),
+                tasks=(task,),
+                own=own,
+            )
+            samples = size.rollouts * size.steps / (len(dataset.tasks) if own else 1)
+            yield Cell(job, str(single_path(space, task, repeat, own=own)), samples * ROW_FIT_S)
+
+
+def single_path(space: Workspace, task: str, repeat: int, *, own: bool) -> Path:
+    """Where the result of a single-task fit is."""
+    kind = "own" if own else "all"
+    return space.out / "cells" / "single" / f"{kind}_{task}_seed_{repeat}.json"
+
+
+def dagger_names(space: Workspace) -> list[str]:
+    """The kinds of DAgger run of this size."""
+    return [n for n, kind in space.study.dagger.items() if kind.quick or not space.quick]
+
+
+def daggers(space: Workspace) -> Iterator[Cell]:
+    """DAgger runs with and without rebuilding."""
+    study, size = space.study, space.size
+    for repeat in range(size.dagger_seeds):
+        for name in dagger_names(space):
+            kind = study.dagger[name]
+            change: dict[str, Any] = {
+                **kind.change,
+                "run.seed": seed_of("train", repeat),
+                "training.iterations": size.iterations,
+                "training.rollouts": size.dagger_rollouts,
+                "training.steps": size.steps,
+                "training.stride": study.stride,
+                "training.from_rest": study.from_rest,
+                "training.rebuild": kind.rebuild,
+                "evaluation.rollouts": max(2, size.test_rollouts // 6),
+                "evaluation.steps": size.steps,
+                "evaluation.disturbance": study.disturbance,
+                "collection.engine": "sequential",
+            }
+            path = space.experiment(f"dagger_{name}_{repeat}", change)
+            job = DaggerJob(
+                label=f"DAgger, {kind.title} (seed {repeat})",
+                config=str(path),
+                run_folder=str(dagger_folder(space, name, repeat)),
+                test=str(space.dataset(TEST, repeat).folder),
+                columns=tuple(study.controllers[study.roles.forest].columns),
+            )
+            samples = size.iterations * size.dagger_rollouts * size.steps
+            seconds = samples * (SAMPLE_S + 0.5 * size.iterations * ROW_FIT_S * kind.rebuild)
+            yield Cell(job, str(dagger_path(space, name, repeat)), seconds)
+
+
+def dagger_folder(space: Workspace, name: str, repeat: int) -> Path:
+    """The run folder of a DAgger run."""
+    return space.out / "dagger" / f"{name}_{repeat}"
+
+
+def dagger_path(space: Workspace, name: str, repeat: int) -> Path:
+    """Where the result of a DAgger run is."""
+    return space.out / "cells" / "dagger" / f"{name}_seed_{repeat}.json"
+
+
+def live_policies(space: Workspace, missing: dict[str, str], repeat: int) -> dict[str, str]:
+    """Controllers of the closed loop and their policy folders; the expert's is empty."""
+    study = space.study
+    found = {"expert": ""}
+    for name in dagger_names(space):
+        folder = dagger_folder(space, name, repeat)
+        if study.dagger[name].rebuild:
+            found[f"{name}_1"] = str(folder / "policies" / "iteration_001")
+        found[f"{name}_n"] = str(folder / "policy")
+    for name, controller in study.controllers.items():
+        if controller.live and name not in missing:
+            found[f"cloned_{name}"] = str(space.out / "policies" / f"{name}_{repeat}")
+    return found
+
+
+def closed_loops(space: Workspace, missing: dict[str, str]) -> list[Work]:
+    """Every controller alone under noise, on every task and on sequences of them."""
+    study, size = space.study, space.size
+    tasks = data.layout(space.experiment(LIVE, {}))[1]
+    work: list[Work] = []
+    for repeat in range(size.dagger_seeds):
+        for name, folder in live_policies(space, missing, repeat).items():
+            for index in range(size.episodes):
+                plain = EpisodeJob(
+                    config=str(space.experiment(LIVE, {})),
+                    policy=folder,
+                    task=tasks[0],
+                    seed=seed_of("episode", repeat),
+                    index=index,
+                    targets=size.targets,
+                    max_steps=size.max_steps,
+                    every_s=study.sequence_s,
+                )
+                jobs = {task: dataclasses.replace(plain, task=task) for task in tasks}
+                if len(tasks) > 1:
+                    jobs["sequence"] = dataclasses.replace(plain, then=tuple(tasks[1:]))
+                for task, job in jobs.items():
+                    out = live_path(space, name, task, repeat, index)
+                    work.append(Cell(job, str(out), size.max_steps * EPISODE_STEP_S))
+    return work
+
+
+def live_path(space: Workspace, controller: str, task: str, repeat: int, index: int) -> Path:
+    """Where the result of an episode is."""
+    folder = space.out / "cells" / "live" / controller / task
+    return folder / f"seed_{repeat}_{index}.json"
