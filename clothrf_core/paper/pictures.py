@@ -25,7 +25,7 @@ def learning(study: Study, found: Rows) -> Any:
     for name in controllers(study, found):
         rows = chosen(found["table"], controller=name)
         mean = np.array([r["rms_mm"]["mean"] for r in rows])
-        if mean.min() > CLIP:
+        if mean.min() > CLIP or len(mean) < 2:
             continue
         shares = [100.0 * r["share"] for r in rows]
         _line(
@@ -78,11 +78,14 @@ def live(study: Study, found: Rows) -> Any:
 def hard(study: Study, found: Rows, kind: str) -> Any:
     """Error against the strength of every series of one kind, one panel a training regime."""
     rows = [r for r in found["conditions"] if study.series[r["series"]].kind == kind]
-    names = [n for n, s in study.series.items() if s.kind == kind and len(s.levels) > 1]
+    tried = {r["series"] for r in rows}
+    names = [
+        n for n, s in study.series.items() if s.kind == kind and len(s.levels) > 1 and n in tried
+    ]
     regimes = [
         g
         for g in dict.fromkeys(r["regime"] for r in rows)
-        if study.regimes[g].only is None and any(r["series"] in names for r in rows)
+        if study.regimes[g].only is None and names
     ]
     figure, panels = plots.house_axes(4.6 * max(len(regimes), 1), 3.8, max(len(regimes), 1))
     for axis, regime in zip(np.atleast_1d(panels), regimes, strict=False):

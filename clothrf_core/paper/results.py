@@ -42,7 +42,8 @@ def table(space: Workspace, missing: Mapping[str, str]) -> Iterable[dict[str, An
     study, regime = space.study, space.study.roles.table
     for controller in study.controllers:
         for share in space.size.shares:
-            if controller in missing:
+            left_out = study.controllers[controller].whole and share != 1.0
+            if controller in missing or left_out:
                 continue
             cells = [
                 result(stages.fit_path(space, regime, controller, share, repeat))

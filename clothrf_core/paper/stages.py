@@ -103,7 +103,8 @@ def tables(space: Workspace, missing: dict[str, str], repeat: int) -> Iterator[C
         for controller in wanted:
             if controller in missing:
                 continue
-            for share in size.shares if table else [1.0]:
+            whole = study.controllers[controller].whole or not table
+            for share in [1.0] if whole else size.shares:
                 yield fit(space, name, controller, share, repeat, max(2, round(share * count)))
 
 

@@ -45,6 +45,7 @@ class ControllerSection(Section):
     baseline: bool = Field(True, description="the forest must beat it")
     hard: bool = Field(False, description="also trained on other regimes, tested on conditions")
     live: bool = Field(False, description="also tried in closed loop")
+    whole: bool = Field(False, description="fitted on all of the data only, not on shares of it")
 
 
 class RegimeSection(Section):

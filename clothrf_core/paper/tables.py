@@ -22,7 +22,7 @@ def errors(study: Study, found: Rows, measure: str, digits: int) -> Table:
         lines.append(
             [
                 study.controllers[name].title,
-                *(_number(rows[share][measure], digits) for share in shares),
+                *(_number(rows[s][measure], digits) if s in rows else "" for s in shares),
             ]
         )
     for name in found["missing"]:

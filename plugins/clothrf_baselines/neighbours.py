@@ -11,6 +11,8 @@ from clothrf_baselines.method import Arrays, Fitted, Method, Predictor, Rows
 from clothrf_core.errors import FeatureMismatch
 from clothrf_core.types import Float, Float32
 
+PART = 128  # rows
+
 
 class HowNeighbours(Method):
     """Mean answer of the k rows of least L1 distance."""
@@ -26,7 +28,7 @@ class HowNeighbours(Method):
             raise ValueError(f"{len(library)} rows but {len(targets)} answers")
 
         def answer(x: Float32) -> Float:
-            distance = np.abs(library - x).sum(axis=1)
+            distance = l1(library, x)
             return _mean_of_nearest(
                 distance, targets, config.k, inverse=config.weights != "uniform"
             )
@@ -83,10 +85,23 @@ class DepthNeighbours(Method):
                 if len(rows) == 0:
                     return None
             compared = library if len(rows) == len(library) else library[rows]
-            distance = np.abs(compared - x[pixels]).sum(axis=1)
+            distance = l1(compared, x[pixels])
             return _mean_of_nearest(distance, targets[rows], config.k, inverse=False)
 
         return answer
+
+
+def l1(library: Float32, x: Float32) -> Float32:
+    """(N,) L1 distances of (N, f) rows to one; a part at a time, which stays in the cache."""
+    found = np.empty(len(library), np.float32)
+    work = np.empty((min(PART, len(library)), library.shape[1]), np.float32)
+    for start in range(0, len(library), PART):
+        part = library[start : start + PART]
+        away = work[: len(part)]
+        np.subtract(part, x, out=away)
+        np.abs(away, out=away)
+        away.sum(axis=1, out=found[start : start + PART])
+    return found
 
 
 def _mean_of_nearest(distance: Float32, targets: Float, k: int, *, inverse: bool) -> Float:
