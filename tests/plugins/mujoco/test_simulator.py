@@ -1,14 +1,11 @@
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
-from clothrf_core.errors import ClothrfError, ConfigError, ShapeError
 from clothrf_core.params import Fabric
 from clothrf_core.registry import Registry
-from clothrf_core.testing.simulator import DT, GRASP, HANDS, check_simulator, edge_strain, params
+from clothrf_core.testing.simulator import DT, GRASP, HANDS, check_simulator, params
 
 pytest.importorskip("mujoco", reason="needs the extra 'mujoco'")
 
@@ -84,19 +81,6 @@ def test_corners_that_move_are_where_they_were_told_and_as_fast():
     assert np.allclose(state.velocities[corners], moved / DT)
 
 
-def test_a_second_reset_forgets_everything():
-    simulator = FlexSimulator(FlexOptions())
-    first = simulator.reset(seeded(3), params())
-    for step in range(1, 5):
-        hands, grasp = waved(step)
-        simulator.step(grasp, hands, DT)
-
-    again = simulator.reset(seeded(3), params())
-
-    assert np.array_equal(first.vertices, again.vertices)
-    assert again.time_s == 0.0
-
-
 def test_another_fabric_between_two_resets_does_not_stay():
     simulator = FlexSimulator(FlexOptions())
     first = simulator.reset(seeded(3), params())
@@ -106,20 +90,6 @@ def test_another_fabric_between_two_resets_does_not_stay():
 
     assert np.abs(heavy.vertices - first.vertices).max() > 1e-3
     assert np.array_equal(first.vertices, again.vertices)
-
-
-def test_a_cloth_torn_a_metre_apart_stretches_and_comes_back():
-    simulator = FlexSimulator(FlexOptions())
-    simulator.reset(seeded(), params())
-
-    torn = simulator.step(GRASP - [1.0, 0.0, 0.0], HANDS, DT)
-    for _ in range(60):
-        back = simulator.step(GRASP, HANDS, DT)
-
-    assert not torn.feasible
-    assert np.isfinite(torn.vertices).all()
-    assert edge_strain(torn, simulator.mesh()).max() > 0.5
-    assert edge_strain(back, simulator.mesh()).max() < 0.03
 
 
 @pytest.mark.parametrize("reach", [0.05, 0.3, 2.0, 1e3])
@@ -152,51 +122,3 @@ def test_a_step_that_runs_away_is_taken_back_and_the_shape_goes_with_its_corners
     assert np.allclose(state.vertices, before + [0, 0, 0.01])
     free = np.delete(state.velocities, simulator.mesh().corners, axis=0)
     assert np.array_equal(free, np.zeros_like(free))
-
-
-def test_all_four_corners_in_one_point_are_survived():
-    simulator = FlexSimulator(FlexOptions())
-    point = np.tile([0.5, 0.0, 0.4], (2, 1))
-
-    simulator.reset(seeded(), params(hands=point, grasp=point))
-    state = simulator.step(point, point, DT)
-
-    assert np.isfinite(state.vertices).all()
-    assert state.feasible
-
-
-def test_stepping_before_reset_says_so():
-    with pytest.raises(ClothrfError, match=r"expected reset\(\) before this call"):
-        FlexSimulator(FlexOptions()).step(GRASP, HANDS, DT)
-
-
-@pytest.mark.parametrize("dt", [0.0, -1.0, np.nan])
-def test_time_must_pass(dt):
-    simulator = FlexSimulator(FlexOptions())
-    simulator.reset(seeded(), params())
-
-    with pytest.raises(ShapeError, match="expected dt > 0 seconds"):
-        simulator.step(GRASP, HANDS, dt)
-
-
-def test_corners_that_are_not_finite_are_refused():
-    simulator = FlexSimulator(FlexOptions())
-    simulator.reset(seeded(), params())
-
-    with pytest.raises(ShapeError, match="NaN or infinity"):
-        simulator.step(GRASP * np.nan, HANDS, DT)
-
-
-@pytest.mark.parametrize(
-    "changes",
-    [
-        {"resolution": (1, 5)},
-        {"size": (0.0, 0.3)},
-        {"fabric": replace(Fabric(), density=0.0)},
-        {"fabric": replace(Fabric(), bending=-1.0)},
-        {"fabric": replace(Fabric(), stretch_warp=np.nan)},
-    ],
-)
-def test_impossible_cloth_is_refused_with_its_numbers(changes):
-    with pytest.raises(ConfigError, match="expected"):
-        FlexSimulator(FlexOptions()).reset(seeded(), params(**changes))
