@@ -89,14 +89,12 @@ def explain_missing(board: Board, images: Sequence[NDArray[np.uint8]]) -> str:
         for r in range(board.rows - 2, board.rows + 3)
         if (c, r) != (board.columns, board.rows) and c >= 3 and r >= 3
     ]
-    votes = Counter(
-        (t.columns, t.rows)
-        for image in images[:2]
-        for t in trials
-        if _grid(t, image, quick=True) is not None
-    )
-    if votes:
-        c, r = max(votes, key=lambda size: (votes[size], size[0] * size[1]))
+    for image in images[:2]:
+        there = [t for t in trials if _grid(t, image, quick=True) is not None]
+        if not there:
+            continue
+        # A part of a board passes for a smaller one.
+        c, r = max(((t.columns, t.rows) for t in there), key=lambda size: size[0] * size[1])
         unit = "inner corners" if board.kind == "chessboard" else "circles"
         return (
             f"a board of {c}x{r} {unit} is there instead; pass the size of your board "

@@ -123,13 +123,13 @@ def test_the_published_charuco_pictures_are_read_completely(data: Path) -> None:
 
 
 def test_a_wrong_board_size_is_named_with_the_right_one(data: Path) -> None:
-    paths = sorted((data / "opencv_left").glob("*.jpg"))
+    paths = sorted((data / "opencv_left").glob("*.jpg"))[:3]
 
     with pytest.raises(BoardNotFound) as caught:
         load_views(paths, parse_board("chessboard:10x7:25mm"))
 
     assert str(caught.value) == (
-        "no board chessboard:10x7:25mm found in any of 13 pictures: a board of 9x6 inner corners "
+        "no board chessboard:10x7:25mm found in any of 3 pictures: a board of 9x6 inner corners "
         "is there instead; pass the size of your board (inner corners, not squares)"
     )
 

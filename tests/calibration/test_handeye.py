@@ -25,12 +25,15 @@ from scipy.stats import chi2
 from clothrf_core.types import Float
 
 BOARD = Board(kind="charuco", columns=10, rows=7, square=0.02)
+SMALL = Board(kind="charuco", columns=7, rows=5, square=0.03)
 MODEL = synthetic.camera()
 INTRINSICS = vector(MODEL.K, MODEL.distortion)
 
 
-def rig(seed: int, count: int = 20, **options: Any) -> synthetic.HandEyeRig:
-    return synthetic.hand_eye_rig(np.random.default_rng(seed), BOARD, MODEL, count, **options)
+def rig(
+    seed: int, count: int = 20, *, board: Board = BOARD, **options: Any
+) -> synthetic.HandEyeRig:
+    return synthetic.hand_eye_rig(np.random.default_rng(seed), board, MODEL, count, **options)
 
 
 def solved(r: synthetic.HandEyeRig, **options: Any) -> HandEye:
@@ -45,14 +48,14 @@ def error(X: Float, truth: Float) -> tuple[float, float]:
     )
 
 
-def problem_of(r: synthetic.HandEyeRig) -> tuple[HandEyeProblem, Float]:
+def problem_of(r: synthetic.HandEyeRig, board: Board = BOARD) -> tuple[HandEyeProblem, Float]:
     keep = [i for i, v in enumerate(r.views) if len(v.ids) >= 8]
     views = [r.views[i] for i in keep]
     G = r.T_base_gripper[keep]
     A = G if r.setup == "fixed" else rigid.inverse(G)
-    C = np.stack([fit_pose(INTRINSICS, BOARD.points, v)[0] for v in views])
+    C = np.stack([fit_pose(INTRINSICS, board.points, v)[0] for v in views])
     setup: Setup = "fixed" if r.setup == "fixed" else "hand"
-    return HandEyeProblem(setup, A, views, BOARD.points, 0.2, INTRINSICS), C
+    return HandEyeProblem(setup, A, views, board.points, 0.2, INTRINSICS), C
 
 
 # Real poses.
@@ -179,8 +182,9 @@ def test_the_stated_uncertainty_of_the_pose_is_right(mm: float, deg: float) -> N
     inside, errors = 0, []
 
     for seed in range(100):
-        r = rig(seed, setup=("fixed", "hand")[seed % 2], robot_mm=mm, robot_deg=deg)
-        problem, C = problem_of(r)
+        setup = ("fixed", "hand")[seed % 2]
+        r = rig(seed, 12, board=SMALL, setup=setup, robot_mm=mm, robot_deg=deg)
+        problem, C = problem_of(r, SMALL)
         _, (X, Z), _ = best_start(problem, C)
         result, _ = refine_with_noise(problem, X, Z)
         d = result.pose @ rigid.inverse(r.X)

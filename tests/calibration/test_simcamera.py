@@ -8,6 +8,7 @@ from clothrf_calibration import synthetic
 from clothrf_calibration.boards import parse_board
 from clothrf_calibration.simcamera import check, check_poses
 
+from clothrf_core.camera_model import scaled
 from clothrf_core.errors import ClothrfError
 from clothrf_core.geometry import look_at
 from clothrf_core.registry import Registry
@@ -33,7 +34,8 @@ def placed(distortion: tuple[float, ...]) -> CameraModel:
 def test_a_rendered_camera_agrees_with_opencv_and_the_analytic_plane(
     backend: str, distortion: tuple[float, ...]
 ) -> None:
-    model = placed(distortion)
+    # Software Vulkan draws a distorted lens slowly: half the picture is enough to see a pixel.
+    model = scaled(placed(distortion), 0.5 if backend == "sapien" else 1.0)
     try:
         renderer = Registry.installed().build("camera", backend)
         renderer.__enter__()
