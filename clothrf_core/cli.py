@@ -341,6 +341,23 @@ def bench(
         )
 
 
+@app.command()
+def tune(
+    config: ConfigPath,
+    out: Annotated[Path | None, typer.Option(help="folder; default runs/tune_<config>")] = None,
+    overrides: Set = None,
+) -> None:
+    """Choose the policy's options by cross-validation over roll-outs; a killed search goes on."""
+    from clothrf_core.provider import Setting
+    from clothrf_core.tuning import table, tune
+
+    target = out or Path("runs") / f"tune_{config.stem}"
+    with work_bar() as (plan, done):
+        rows = tune(config, Setting(plan=plan, done=done), target, _overrides(overrides))
+    print_rows(table(rows)[:16])
+    console.print(f"Best config: {target / 'best.toml'}; all of them: {target / 'tune.csv'}")
+
+
 def main() -> None:
     """Entry point: one line for what the user can mend, a traceback for what we must."""
     _add_plugin_commands(sys.argv[1:])

@@ -140,13 +140,23 @@ def work_bar() -> Iterator[tuple[Callable[[float], None], Callable[[str, float],
         console=console,
     )
     rows: list[TaskID] = []
+    said = -1
 
     def plan(seconds: float) -> None:
-        bar.start()
+        if console.is_terminal:
+            bar.start()
         rows.append(bar.add_task("", total=seconds))
 
     def done(what: str, seconds: float) -> None:
+        nonlocal said
         bar.update(rows[-1], advance=seconds, description=what)
+        task = bar.tasks[-1]
+        share = int(task.percentage)
+        if not console.is_terminal and share // 5 > said // 5:  # in a file: a line now and then
+            left = task.time_remaining
+            hint = "" if left is None else f", about {left / 60.0:.0f} min left"
+            console.print(f"{share} %{hint}: {what}", highlight=False, markup=False)
+            said = share
 
     try:
         yield plan, done

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import csv
 import errno
 import hashlib
 import io
@@ -10,7 +11,7 @@ import json
 import os
 import shutil
 import zipfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -140,6 +141,13 @@ def read_json(path: Path) -> Any:
 def json_bytes(value: Any) -> bytes:
     """`value` as indented UTF-8 JSON with a final newline; key order kept."""
     return (json.dumps(value, indent=1, ensure_ascii=False) + "\n").encode()
+
+
+def csv_bytes(rows: Sequence[Sequence[str]]) -> bytes:
+    """Rows as CSV; equal rows give equal bytes."""
+    buffer = io.StringIO()
+    csv.writer(buffer, lineterminator="\n").writerows(rows)
+    return buffer.getvalue().encode()
 
 
 def sha256(data: bytes) -> str:

@@ -16,8 +16,7 @@ import numpy as np
 from clothrf_core import compose, config
 from clothrf_core.collection import Engine, Job, collect, engine
 from clothrf_core.dataset import Dataset
-from clothrf_core.errors import DataError
-from clothrf_core.errors import ConfigError
+from clothrf_core.errors import ConfigError, DataError
 from clothrf_core.evaluation import held_out
 from clothrf_core.interfaces import Policy, Refittable
 from clothrf_core.registry import Registry

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import base64
-import csv
 import html
-import io
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from clothrf_core.files import atomic_write, json_bytes, read_json
+from clothrf_core.files import atomic_write, csv_bytes, json_bytes, read_json
 from clothrf_core.paper import pictures, results, tables, words
 from clothrf_core.paper.data import Workspace
 from clothrf_core.paper.study import Study
@@ -49,7 +47,7 @@ def write_report(space: Workspace, found: Mapping[str, Any], made: Sequence[Figu
             for data, ending in zip(drawn, ("png", "svg"), strict=True):
                 atomic_write(out / "plots" / f"{part.picture[0]}.{ending}", data)
         if part.table:
-            atomic_write(out / "tables" / f"{part.table[0]}.csv", _csv(part.table[1]))
+            atomic_write(out / "tables" / f"{part.table[0]}.csv", csv_bytes(part.table[1]))
         markdown.append(_markdown(part))
         page_parts.append(_html(part, drawn[0] if drawn else b""))
     atomic_write(out / "REPORT.md", ("\n\n".join(markdown) + "\n").encode())
@@ -194,9 +192,3 @@ def _html(part: Part, png: bytes) -> str:
     if part.table:
         blocks.append(html_table(part.table[1]))
     return "\n".join(blocks)
-
-
-def _csv(rows: Sequence[Sequence[str]]) -> bytes:
-    buffer = io.StringIO()
-    csv.writer(buffer, lineterminator="\n").writerows(rows)
-    return buffer.getvalue().encode()

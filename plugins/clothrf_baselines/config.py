@@ -33,12 +33,22 @@ class RidgeConfig(BaselineConfig):
 class MlpConfig(BaselineConfig):
     """Options of the net with one hidden layer."""
 
-    hidden: int = Field(128, ge=1, description="units of the hidden layer")
+    hidden: int = Field(
+        128,
+        ge=1,
+        description="units of the hidden layer",
+        json_schema_extra={"tune": [64, 128, 256]},
+    )
     epochs: int = Field(100, ge=1, description="passes over the rows at most")
     patience: int = Field(10, ge=1, description="passes without progress on held-out roll-outs")
     batch: int = Field(64, ge=1, description="rows a step")
     rate: float = Field(1e-3, gt=0.0, description="step size of Adam")
-    decay: float = Field(1e-4, ge=0.0, description="weight decay")
+    decay: float = Field(
+        1e-4,
+        ge=0.0,
+        description="weight decay",
+        json_schema_extra={"tune": [1e-4, 1e-3, 1e-2]},
+    )
     held_out: float = Field(0.1, gt=0.0, lt=1.0, description="share of roll-outs for stopping")
 
 
@@ -48,7 +58,12 @@ class HowNeighboursConfig(BaselineConfig):
     prefix: str = "how"
     use_anchor: bool = False
     scale_inputs: bool = False
-    k: int = Field(5, ge=1, description="neighbours; 1, 5 and 10 are the usual ones")
+    k: int = Field(
+        5,
+        ge=1,
+        description="neighbours; 1, 5 and 10 are the usual ones",
+        json_schema_extra={"tune": [1, 5, 10]},
+    )
     weights: Literal["uniform", "inverse"] = Field(
         "uniform", description="mean, or weighted by 1 / distance"
     )
@@ -61,7 +76,7 @@ class DepthNeighboursConfig(BaselineConfig):
     target_frame: Literal["anchor", "world"] = "world"
     use_anchor: bool = False
     scale_inputs: bool = False
-    k: int = Field(1, ge=1, description="neighbours")
+    k: int = Field(1, ge=1, description="neighbours", json_schema_extra={"tune": [1, 3, 10]})
     rows: Literal["lower", "all"] = Field("lower", description="half of the picture compared")
     gate: float = Field(
         0.10,
@@ -74,7 +89,13 @@ class DepthNeighboursConfig(BaselineConfig):
 class DictionaryConfig(BaselineConfig):
     """Options of the dictionary of atoms."""
 
-    atoms: int = Field(1000, ge=2, le=20000, description="atoms at most, by k-means")
+    atoms: int = Field(
+        1000,
+        ge=2,
+        le=20000,
+        description="atoms at most, by k-means",
+        json_schema_extra={"tune": [300, 1000, 2000]},
+    )
     alpha: float | None = Field(
         None,
         gt=0.0,
@@ -91,7 +112,12 @@ class LassoConfig(BaselineConfig):
     mode: Literal["differences", "absolute"] = Field(
         "differences", description="fit differences of random rows, or the rows themselves"
     )
-    alpha: float = Field(1e-3, gt=0.0, description="L1 strength for scaled features and targets")
+    alpha: float = Field(
+        1e-3,
+        gt=0.0,
+        description="L1 strength for scaled features and targets",
+        json_schema_extra={"tune": [1e-4, 1e-3, 1e-2]},
+    )
     pairs: float = Field(2.0, gt=0.0, description="differences drawn a row")
     iterations: int = Field(1000, ge=1, description="of the solver")
 
@@ -102,9 +128,13 @@ class TreesConfig(BaselineConfig):
     scale_inputs: bool = False
     trees: int = Field(100, ge=1, description="number of trees")
     max_features: float | Literal["sqrt"] = Field(
-        "sqrt", description="features tried at a node: the root of their number, or a share"
+        "sqrt",
+        description="features tried at a node: the root of their number, or a share",
+        json_schema_extra={"tune": ["sqrt", 0.1, 0.3]},
     )
-    min_samples_leaf: int = Field(2, ge=1, description="rows a leaf must hold")
+    min_samples_leaf: int = Field(
+        2, ge=1, description="rows a leaf must hold", json_schema_extra={"tune": [1, 2, 5]}
+    )
     max_depth: int | None = Field(None, ge=1, description="levels below the root; none = no limit")
     threads: int = Field(0, ge=0, description="threads of a fit; 0 = all cores; same trees for any")
 
@@ -118,7 +148,12 @@ class CnnConfig(BaselineConfig):
     patience: int = Field(6, ge=1, description="passes without progress on held-out roll-outs")
     batch: int = Field(64, ge=1, description="rows a step")
     rate: float = Field(1e-3, gt=0.0, description="step size of Adam")
-    decay: float = Field(1e-4, ge=0.0, description="weight decay")
+    decay: float = Field(
+        1e-4,
+        ge=0.0,
+        description="weight decay",
+        json_schema_extra={"tune": [1e-4, 1e-3, 1e-2]},
+    )
     held_out: float = Field(0.1, gt=0.0, lt=1.0, description="share of roll-outs for stopping")
 
 
