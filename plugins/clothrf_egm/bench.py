@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import contextlib
 import multiprocessing
-import os
 import time
-from collections.abc import Iterator
 from multiprocessing.connection import Connection
 
 import numpy as np
@@ -23,9 +20,8 @@ from clothrf_egm.messages import (
     encode_robot,
     encode_sensor,
 )
+from clothrf_egm.punctual import punctual
 from clothrf_egm.simulator import EgmSimulator
-
-FIFO_PRIORITY = 20
 
 
 def same_cycle(*, quick: bool) -> list[Figure]:
@@ -35,7 +31,7 @@ def same_cycle(*, quick: bool) -> list[Figure]:
     process = multiprocessing.get_context("spawn")
     here, there = process.Pipe()
     puts = 0
-    with _punctual() as scheduling, EgmEnd(EgmConfig(left_port=0, right_port=0)) as end:
+    with punctual() as scheduling, EgmEnd(EgmConfig(left_port=0, right_port=0)) as end:
         controllers = process.Process(
             target=_controllers, args=(there, start, end.ports, seconds), daemon=True
         )
@@ -66,24 +62,6 @@ def same_cycle(*, quick: bool) -> list[Figure]:
         "codec_us": 1e6 * _codec_s(2000 if quick else 10000),
     }
     return [Figure("egm_same_cycle_share", counters["same_cycle_share"], "share", detail)]
-
-
-@contextlib.contextmanager
-def _punctual() -> Iterator[str]:
-    """The scheduling that the bridge asks for, as far as it is permitted; threads inherit it."""
-    if not hasattr(os, "sched_setscheduler"):
-        yield "default"
-        return
-    before, parameters = os.sched_getscheduler(0), os.sched_getparam(0)
-    try:
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(FIFO_PRIORITY))
-    except PermissionError:
-        yield "default (no permission for SCHED_FIFO)"
-        return
-    try:
-        yield f"SCHED_FIFO {FIFO_PRIORITY}"
-    finally:
-        os.sched_setscheduler(0, before, parameters)
 
 
 def _controllers(

@@ -15,6 +15,7 @@ from clothrf_core.config import read_rig
 from clothrf_core.interfaces import ArmModel
 from clothrf_core.provider import BuildContext
 from clothrf_core.registry import Registry
+from clothrf_egm.punctual import FIFO_PRIORITY, punctual
 
 
 def egm_sim_app() -> typer.Typer:
@@ -37,6 +38,9 @@ def egm_sim_app() -> typer.Typer:
             float, typer.Option(help="without an answer for this long a session ends, s")
         ] = 0.2,
         restart: Annotated[float, typer.Option(help="until a new one begins, s")] = 0.5,
+        priority: Annotated[
+            int, typer.Option(help="SCHED_FIFO where permitted, as a controller is; 0 = off")
+        ] = FIFO_PRIORITY,
         seconds: Annotated[float, typer.Option(help="stop after; 0 = at Ctrl-C")] = 0.0,
         as_json: Annotated[bool, typer.Option("--json", help="print the counters as JSON")] = False,
     ) -> None:
@@ -55,7 +59,7 @@ def egm_sim_app() -> typer.Typer:
         stop = threading.Event()
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, lambda *_: stop.set())
-        with simulator:
+        with punctual(priority), simulator:
             if not as_json:
                 print(f"egm-sim: asks {host}, UDP {left_port} and {right_port}; Ctrl-C ends it")
             stop.wait(seconds or None)

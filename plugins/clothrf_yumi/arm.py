@@ -18,7 +18,7 @@ from clothrf_yumi.irb14000 import JOINT_NAMES
 from clothrf_yumi.kinematics import Kinematics
 from clothrf_yumi.limiter import RuckigLimiter
 from clothrf_yumi.limits import Limits
-from clothrf_yumi.posture import REST_GRASP, posture_at, seed, tool_rotations
+from clothrf_yumi.posture import REST_GRASP, Stance, posture_at, seed
 
 TABLE_HEIGHT_M = -0.02
 
@@ -45,7 +45,7 @@ class Yumi(ArmModel):
         self._low, self._high = np.array(config.box_low), np.array(config.box_high)
         weights = Weights(orientation=config.orientation, posture=config.posture)
         patience = Patience(jump=config.jump, reach=config.reach, clearance=config.clearance)
-        rotations = tool_rotations(config.pitch)
+        stance = Stance(config.pitch, config.lean, float(corners[:, 0].mean()))
         start = seed()
 
         def solver(limits: Limits, ready: Float) -> InverseKinematics:
@@ -54,7 +54,7 @@ class Yumi(ArmModel):
                 self._body,
                 limits=limits,
                 ready=ready,
-                rotations=rotations,
+                rotations=stance.rotations,
                 weights=weights,
                 patience=patience,
             )

@@ -22,14 +22,17 @@ class YumiConfig(Section):
         0.1142, gt=0.0, lt=0.3, description="grasp point's distance from the flange, m"
     )
     pitch: float = Field(
-        1.0, ge=-1.6, le=1.6, description="tools point forward and this far down, rad"
+        1.4, ge=-1.6, le=2.4, description="at rest tools point forward and this far down, rad"
+    )
+    lean: float = Field(
+        3.5, ge=0.0, description="and tip towards the body when nearer to it, rad/m"
     )
     orientation: float = Field(
-        0.05, ge=0.0, description="weight of the tools' orientation, m/rad; 0 = free to turn"
+        0.3, ge=0.0, description="weight of the tools' orientation, m/rad; 0 = free to turn"
     )
     posture: float = Field(1e-3, gt=0.0, description="weight of the ready posture, m/rad")
     clearance: float = Field(
-        0.025, ge=0.0, lt=0.05, description="arms are steered to keep this distance, m"
+        0.030, ge=0.0, lt=0.05, description="arms are steered to keep this distance, m"
     )
     padding: float = Field(0.01, ge=0.0, description="body and table count as this much thicker, m")
     jump: float = Field(0.1, gt=0.0, description="targets farther from the gripper are refused, m")

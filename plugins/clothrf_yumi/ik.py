@@ -12,6 +12,7 @@ come from speed and position limits and hold exactly; x = 0 is always a solution
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import daqp
@@ -40,12 +41,15 @@ class Weights:
 
     Attributes:
         orientation: metres a radian; 0 leaves the tools free to turn.
+        turn_rate: how fast tools are turned back to their orientation, rad/s; however far off
+            they are, they never whip round.
         posture: metres a radian towards the ready posture; settles the elbows.
         posture_rate: how fast the arms drift there, 1/s.
         damping: (metres a radian)^2.
     """
 
     orientation: float = 0.3
+    turn_rate: float = 1.0
     posture: float = 1e-3
     posture_rate: float = 1.0
     damping: float = 1e-6
@@ -81,7 +85,7 @@ class InverseKinematics:
         body: what must not touch.
         limits: joint limits and speeds.
         ready: (14,) preferred posture.
-        rotations: (2, 3, 3) preferred rotations of the tools, world.
+        rotations: (2, 3, 3) preferred rotations of the tools whose tips are at (2, 3), world.
         weights: of the tasks.
         patience: bounds of the search.
     """
@@ -93,7 +97,7 @@ class InverseKinematics:
         *,
         limits: Limits,
         ready: Float,
-        rotations: Float,
+        rotations: Callable[[Float], Float],
         weights: Weights,
         patience: Patience,
     ) -> None:
@@ -117,6 +121,7 @@ class InverseKinematics:
         begin = kinematics.points.copy()
         gaps = targets - begin
         self._refuse_jumps(gaps)
+        tools = self._rotations(targets) if self._tasks == 12 else self._no_rows
         room = limits.velocity * dt
         # Outside the limits the only way is back, as fast as allowed.
         low = q + np.maximum(-room, np.minimum(limits.soft_lower - q, room))
@@ -126,7 +131,7 @@ class InverseKinematics:
         for _ in range(patience.iterations):
             if x is not seen and np.abs(x - seen).max() > STALE_RAD:
                 seen, near = x, self._body.near(NEAR_M)
-            wanted = self._step(x, gaps, low - x, high - x, dt, near, x - seen)
+            wanted = self._step(x, gaps, tools, low - x, high - x, dt, near, x - seen)
             moved = np.minimum(np.maximum(x + wanted, low), high)
             change, x = moved - x, moved
             kinematics.update(x)
@@ -156,6 +161,7 @@ class InverseKinematics:
         self,
         x: Float,
         gaps: Float,
+        tools: Float,
         low: Float,
         high: Float,
         dt: float,
@@ -167,9 +173,11 @@ class InverseKinematics:
         error = np.empty(self._tasks)
         error[:6] = gaps.ravel()
         if self._tasks == 12:
-            one, other = self._kinematics.rotations()
-            error[6:9] = pin.log3(self._rotations[0] @ one.T)
-            error[9:] = pin.log3(self._rotations[1] @ other.T)
+            most = weights.turn_rate * dt
+            for i, now in enumerate(self._kinematics.rotations()):
+                turned = pin.log3(tools[i] @ now.T)
+                angle = math.sqrt(turned @ turned)
+                error[6 + 3 * i : 9 + 3 * i] = turned * min(1.0, most / max(angle, 1e-12))
             error[6:] *= weights.orientation
             J[6:] *= weights.orientation
         stiffness = weights.posture**2

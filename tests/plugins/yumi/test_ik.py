@@ -11,9 +11,10 @@ pin = pytest.importorskip("pinocchio")
 
 from clothrf_yumi.arm import Yumi  # noqa: E402
 from clothrf_yumi.config import YumiConfig  # noqa: E402
-from clothrf_yumi.posture import REST_GRASP, tool_rotations  # noqa: E402
+from clothrf_yumi.posture import REST_GRASP, Stance  # noqa: E402
 
 REST = np.array(REST_GRASP)
+STANCE = Stance(YumiConfig().pitch, YumiConfig().lean, float(REST[:, 0].mean()))
 DT = 1.0 / 30.0
 
 
@@ -40,7 +41,7 @@ def walk(arm: Yumi, q: np.ndarray, goal: np.ndarray, *, steps: int, dt: float = 
 def damped_least_squares(arm: Yumi, q: np.ndarray, goal: np.ndarray) -> np.ndarray:
     """Buss 2004, equation 11, both tool poses at once, without any limits: the oracle."""
     kinematics = arm._kinematics
-    wanted = tool_rotations(YumiConfig().pitch)
+    wanted = STANCE.rotations(goal)
     for _ in range(200):
         kinematics.update(q)
         J = kinematics.grasp_jacobian()
@@ -84,7 +85,7 @@ def test_one_small_step_equals_the_normal_equations(arm):
     kinematics, weight = arm._kinematics, YumiConfig().orientation
     kinematics.update(q)
     gaps = (goal - kinematics.points).ravel()
-    wanted = tool_rotations(YumiConfig().pitch)
+    wanted = STANCE.rotations(goal)
     turns = [pin.log3(R @ now.T) for R, now in zip(wanted, kinematics.rotations(), strict=True)]
     J, error = kinematics.grasp_jacobian(), np.concatenate([gaps, *turns])
     scale = np.repeat([1.0, weight], 6)
@@ -184,7 +185,7 @@ def test_without_orientation_weight_the_tools_turn_freely():
 
     def turned(arm: Yumi) -> float:
         arm._kinematics.update(walk(arm, arm.ready, goal, steps=60))
-        wanted = tool_rotations(YumiConfig().pitch)
+        wanted = STANCE.rotations(goal)
         now = arm._kinematics.rotations()
         return max(float(np.linalg.norm(pin.log3(a @ b.T))) for a, b in zip(wanted, now))  # noqa: B905
 

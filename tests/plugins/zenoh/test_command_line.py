@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 from clothrf_zenoh.cli import bridge_app, replay_app
-from clothrf_zenoh.compose import bounds_of, load_bridge, resolve_bridge
+from clothrf_zenoh.compose import bounds_of, build_arm, load_bridge, resolve_bridge
 from clothrf_zenoh.config import LimitsSection
 from clothrf_zenoh.faults import UnsafeExposure
 from clothrf_zenoh.session import require_protection
@@ -44,9 +44,12 @@ def complaints(tables):
 @pytest.mark.parametrize("path", FILES, ids=lambda p: p.name)
 def test_every_shipped_bridge_file_is_good_and_protected(path):
     pytest.importorskip("pinocchio")
-    file = load_bridge(path, Registry.installed())
+    pytest.importorskip("ruckig")
+    registry = Registry.installed()
+    file = load_bridge(path, registry)
 
     require_protection(file.config.zenoh)
+    assert len(bounds_of(build_arm(file, registry), file.config.limits, 0.004).names) == 14
 
 
 def test_all_problems_of_a_file_are_named_at_once():
@@ -79,6 +82,7 @@ def test_a_file_without_an_end_names_what_is_installed():
     [
         ({"box_low": [0.5, 0.0, 0.0], "box_high": [0.4, 1.0, 1.0]}, "expected below box_high"),
         ({"tcp_speed": 0.6, "tcp_speed_hard": 0.5}, "expected at most tcp_speed_hard 0.5"),
+        ({"watchdog_s": 0.01}, "expected at least three ticks, 12 ms, found 10 ms"),
     ],
 )
 def test_limits_that_contradict_each_other_are_refused(limits, message):
