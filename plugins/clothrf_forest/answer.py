@@ -13,7 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clothrf_core.types import Float, Float32
+from clothrf_forest.curves import products
 from clothrf_forest.model import Model
+from clothrf_forest.ridge import Scaling
 from clothrf_forest.traverse import leaves_of
 from clothrf_forest.trees import Trees
 
@@ -33,7 +35,12 @@ class Prepared(NamedTuple):
         variance: (L,) float32 spread of the leaves' rows.
         centre: (F,) float32; F counts the anchor's three where they are features.
         scale: (F,) float32.
-        matrix: (F, D + h + k) float32 linear base, projections and principal directions.
+        matrix: (F, D + h + q + k) float32 linear base, projections, curves' directions, principal
+            directions.
+        bend: (P, D) float32 of the base's products.
+        curve_offset: (q,) float64 of their directions.
+        curve_centre: (P,) float32.
+        curve_scale: (P,) float32.
         intercept: (D,) float64 of the base.
         offset: (h,) float64 of the projections.
         mean: (k,) float64 of the principal scores.
@@ -52,6 +59,10 @@ class Prepared(NamedTuple):
     centre: Float32
     scale: Float32
     matrix: Float32
+    bend: Float32
+    curve_offset: Float
+    curve_centre: Float32
+    curve_scale: Float32
     intercept: Float
     offset: Float
     mean: Float
@@ -67,7 +78,8 @@ Answer = Callable[[Float32, Float, Prepared, Float], None]
 
 def prepared(model: Model, task: int) -> Prepared:
     """The arrays of task number `task`."""
-    parts = [model.coef[task], model.projections.axes, model.novelty.axes]
+    f, curves = len(model.centre), model.curves
+    parts = [model.coef[task, :f], model.projections.axes, curves.axes, model.novelty.axes]
     known = model.calibration
     return Prepared(
         nodes=model.trees.nodes,
@@ -78,6 +90,10 @@ def prepared(model: Model, task: int) -> Prepared:
         centre=model.centre,
         scale=model.scale,
         matrix=np.ascontiguousarray(np.concatenate(parts, axis=1)),
+        bend=np.ascontiguousarray(model.coef[task, f:]),
+        curve_offset=curves.offset,
+        curve_centre=curves.by.centre,
+        curve_scale=curves.by.scale,
         intercept=np.ascontiguousarray(model.intercept[task]),
         offset=model.projections.offset,
         mean=model.novelty.mean,
@@ -100,10 +116,11 @@ def answer_in_numpy(values: Float32, anchor: Float, of: Prepared, out: Float) ->
             score; the confidence; the expected error, m. Numbers that are not finite give
             confidence 0.
     """
-    d, h, f = len(of.intercept), len(of.offset), len(of.centre)
+    d, h, q, f = len(of.intercept), len(of.offset), len(of.curve_offset), len(of.centre)
     x = np.concatenate([values, anchor.astype(np.float32)])[:f]
-    z = ((x - of.centre) * of.scale).astype(np.float64)
+    z = Scaling(of.centre, of.scale).of(x)
     along = z @ of.matrix
+    bent = products(along[None, d + h : d + h + q] + of.curve_offset)[0]
     asked = (along[d : d + h] + of.offset).astype(np.float32)
     leaf = leaves_of(Trees(of.nodes, of.roots, len(of.values)), np.concatenate([x, asked])[None])[0]
     votes = of.values[leaf].astype(np.float64)
@@ -113,11 +130,12 @@ def answer_in_numpy(values: Float32, anchor: Float, of: Prepared, out: Float) ->
     between = (votes * votes).mean() - (mean * mean).mean()
     spread = np.sqrt(max(float(between), 0.0) + of.variance[leaf].mean(dtype=np.float64))
 
-    inside = along[d + h :]
+    inside = along[d + h + q :]
     known = ((inside - of.mean) ** 2) @ of.precision
     novelty = (known + max(float(z @ z - inside @ inside), 0.0) * of.rest) / f
 
     targets = mean + along[:d] + of.intercept
+    targets += Scaling(of.curve_centre, of.curve_scale).of(bent) @ of.bend
     if of.anchored:
         targets += np.tile(anchor, d // 3)
     out[:d] = targets

@@ -7,6 +7,9 @@ from typing import Any
 import numpy as np
 from numba import njit
 
+from clothrf_forest.curves import REACH
+from clothrf_forest.ridge import LIMIT
+
 
 @njit(cache=True, nogil=True)
 def interpolated(x: Any, knots: Any, values: Any) -> Any:
@@ -23,6 +26,14 @@ def interpolated(x: Any, knots: Any, values: Any) -> Any:
 
 
 @njit(cache=True, nogil=True)
+def clipped(x: Any, limit: Any) -> Any:
+    """The value within +- limit; NaN stays NaN."""
+    if x > limit:
+        return limit
+    return -limit if x < -limit else x
+
+
+@njit(cache=True, nogil=True)
 def answer(values: Any, anchor: Any, of: Any, out: Any) -> None:
     """See `answer.answer_in_numpy`."""
     d = of.intercept.size
@@ -33,11 +44,12 @@ def answer(values: Any, anchor: Any, of: Any, out: Any) -> None:
     x[: values.size] = values
     for i in range(values.size, f):
         x[i] = anchor[i - values.size]
-    width = d + h + k
+    q = of.curve_offset.size
+    width = d + h + q + k
     along = np.zeros(width)
     length = 0.0
     for i in range(f):
-        z = np.float64((x[i] - of.centre[i]) * of.scale[i])
+        z = clipped(np.float64((x[i] - of.centre[i]) * of.scale[i]), LIMIT)
         length += z * z
         for j in range(width):
             along[j] += z * of.matrix[i, j]
@@ -45,10 +57,23 @@ def answer(values: Any, anchor: Any, of: Any, out: Any) -> None:
         x[f + j] = along[d + j] + of.offset[j]
     novelty = 0.0
     for j in range(k):
-        a = along[d + h + j]
+        a = along[d + h + q + j]
         length -= a * a
         novelty += (a - of.mean[j]) ** 2 * of.precision[j]
     novelty = (novelty + max(length, 0.0) * of.rest) / f
+
+    for i in range(q):
+        u = d + h + i
+        along[u] = clipped(along[u] + of.curve_offset[i], REACH)
+    p = 0
+    for i in range(q):
+        for j in range(i, q):
+            product = np.float32(along[d + h + i] * along[d + h + j])
+            z = np.float64((product - of.curve_centre[p]) * of.curve_scale[p])
+            z = clipped(z, LIMIT)
+            for m in range(d):
+                along[m] += z * of.bend[p, m]
+            p += 1
 
     num_trees = of.roots.size
     nodes = of.nodes

@@ -50,8 +50,17 @@ class ForestConfig(Section):
         "variance",
         description="what splits a node: entropy of action labels, or variance of the targets",
     )
-    base: Literal["none", "ridge"] = Field(
-        "ridge", description="a linear model whose residual the trees learn, or none"
+    base: Literal["none", "ridge", "quadratic"] = Field(
+        "quadratic",
+        description="a smooth model whose residual the trees learn: linear in the features "
+        "(ridge), or also in the products of their main directions; or none",
+    )
+    curve_directions: int = Field(
+        24,
+        ge=0,
+        le=64,
+        description="principal directions of the features in the products of a quadratic base; "
+        "at most confidence.components",
     )
     leaves: Literal["mean", "refined", "linear"] = Field(
         "linear",

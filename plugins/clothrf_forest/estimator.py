@@ -13,11 +13,12 @@ from clothrf_core.types import DatasetView, Float
 from clothrf_forest.config import ForestConfig, LabelsConfig
 from clothrf_forest.fitting import fit_model
 from clothrf_forest.model import Model
+from clothrf_forest.ridge import Scaling
 from clothrf_forest.traverse import leaves_of
 
 
 class WrinkleForestRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
-    """Regression by a forest whose trees separate clusters of the targets, on a linear base.
+    """Regression by a forest whose trees learn what a smooth base leaves.
 
     Targets may have one or several columns. They are standardised inside, so the bandwidth of
     mean shift is in standard deviations here.
@@ -25,7 +26,7 @@ class WrinkleForestRegressor(RegressorMixin, BaseEstimator):  # type: ignore[mis
     Args:
         trees: number of trees.
         topology: "variance" or "entropy-labels" (the paper).
-        base: "ridge" or "none".
+        base: "quadratic", "ridge" or "none".
         leaves: "linear", "mean" or "refined".
         max_depth: levels below the root.
         min_impurity_decrease: what a split must gain.
@@ -45,7 +46,7 @@ class WrinkleForestRegressor(RegressorMixin, BaseEstimator):  # type: ignore[mis
         *,
         trees: int = 100,
         topology: str = "variance",
-        base: str = "ridge",
+        base: str = "quadratic",
         leaves: str = "linear",
         max_depth: int = 20,
         min_impurity_decrease: float = 2e-3,
@@ -105,14 +106,15 @@ class WrinkleForestRegressor(RegressorMixin, BaseEstimator):  # type: ignore[mis
         values = validate_data(self, X, reset=False)
         model = self.model_
         rows = _narrow(values)
-        z = ((rows - model.centre) * model.scale).astype(np.float64)
+        z = Scaling(model.centre, model.scale).of(rows)
         asked = (z @ model.projections.axes + model.projections.offset).astype(np.float32)
         leaf = leaves_of(model.trees, np.concatenate([rows, asked], axis=1))
         votes = model.values[0][leaf].astype(np.float64)
         for i in range(model.slopes.shape[2]):
             votes += asked[:, None, i : i + 1] * model.slopes[0][leaf, i]
         found = votes.mean(1)
-        found += z @ model.coef[0] + model.intercept[0]
+        bent = np.concatenate([z, model.curves.of(z)], axis=1)
+        found += bent @ model.coef[0] + model.intercept[0]
         table: Float = found[:, : len(self._unit)] * self._unit + self._mean
         return table[:, 0] if self._flat else table
 

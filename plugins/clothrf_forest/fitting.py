@@ -1,4 +1,4 @@
-"""From rows to a `Model`: the linear foundation, the trees, their leaves, the confidence."""
+"""From rows to a `Model`: the smooth foundation, the trees, their leaves, the confidence."""
 
 from __future__ import annotations
 
@@ -65,13 +65,14 @@ def assembled(
         variance=np.ascontiguousarray(leaves.variance.T),
         centre=base.by.centre,
         scale=base.by.scale,
+        curves=base.curves,
         coef=flat_values(base.linear.coef.astype(np.float32), tasks),
         intercept=base.linear.intercept.reshape(tasks, 3 * grasps).copy(),
         projections=base.projections,
         novelty=base.novelty,
         calibration=calibration,
     )
-    held_out = {"base_held_out_rms_mm": _rms_mm(base.residual)} if config.base == "ridge" else {}
+    held_out = {"base_held_out_rms_mm": _rms_mm(base.residual)} if config.base != "none" else {}
     return model, {**trees.facts, **facts, **errors, **held_out}
 
 

@@ -1,4 +1,4 @@
-"""What is fitted before any tree: the linear base, what it offers to the trees, and the novelty."""
+"""What is fitted before any tree: the smooth base, what it offers to the trees, and the novelty."""
 
 from __future__ import annotations
 
@@ -10,18 +10,30 @@ from numpy.typing import NDArray
 from clothrf_core.errors import DataError
 from clothrf_core.types import Float
 from clothrf_forest.config import ForestConfig
+from clothrf_forest.curves import Curved, Curves, fit_curves, no_curves
 from clothrf_forest.novelty import Novelty, fit_novelty, without_limits
 from clothrf_forest.projections import Projections, no_projections, offered
-from clothrf_forest.ridge import Linear, Scaling, fit_base, no_base, survey
+from clothrf_forest.ridge import (
+    FOLDS,
+    Linear,
+    Scaling,
+    Straight,
+    fit_base,
+    fold_of,
+    no_base,
+    spread,
+    survey,
+)
 from clothrf_forest.rows import Rows
 
 
 @dataclass(frozen=True, slots=True)
 class Foundation:
-    """The linear parts of a model, and what they say of the training rows held out.
+    """The smooth parts of a model, and what they say of the training rows held out.
 
     Attributes:
         by: how features are standardised.
+        curves: what the base is told besides the features.
         linear: the base.
         projections: what trees may ask for besides features; none without a base.
         novelty: what known pictures look like.
@@ -33,6 +45,7 @@ class Foundation:
     """
 
     by: Scaling
+    curves: Curves
     linear: Linear
     projections: Projections
     novelty: Novelty
@@ -50,27 +63,32 @@ def lay(
     config: ForestConfig,
     rng: np.random.Generator,
 ) -> Foundation:
-    """Fit the linear parts on `rows` and (N, D) `targets`.
+    """Fit the smooth parts on `rows` and (N, D) `targets`.
 
     Raises:
         DataError: a feature is NaN or infinite.
     """
-    known = survey(rows, targets, groups, rng)
-    if not np.isfinite(known.by.centre * known.by.scale).all():
+    by = spread(lambda part: rows[part], len(rows), rows.width)
+    if not np.isfinite(by.centre * by.scale).all():
         raise DataError("forest: expected finite features, got NaN or infinity in the data set")
+    fold = fold_of(groups, FOLDS, rng)
+    known = survey(Straight(rows, by), targets, fold)
     wanted = config.confidence
-    novelty, scores = fit_novelty(
-        rows, known, components=wanted.components, quantile=wanted.quantile
-    )
+    novelty, scores = fit_novelty(known, components=wanted.components, quantile=wanted.quantile)
     projections, held_out = no_projections(rows.width), np.zeros((len(rows), 0), np.float32)
-    if config.base == "ridge":
-        base = fit_base(rows, targets, known)
+    base, curves = no_base(targets, rows.width), no_curves(rows.width)
+    if config.base != "none":
+        base = fit_base(targets, known)
         if config.oblique:
             projections, held_out = offered(base)
-    else:
-        base = no_base(targets, rows.width)
+    if config.base == "quadratic":
+        leading = novelty.axes[:, ::-1][:, : config.curve_directions].astype(np.float64)
+        answers = offered(base)[0].axes.astype(np.float64)
+        curves = fit_curves(known.design, np.concatenate([answers, leading], axis=1))
+        base = fit_base(targets, survey(Curved(known.design, curves), targets, fold))
     return Foundation(
-        by=known.by,
+        by=by,
+        curves=curves,
         linear=base.linear,
         projections=projections,
         novelty=novelty if wanted.novelty else without_limits(novelty),
@@ -78,5 +96,5 @@ def lay(
         num_projections=held_out.shape[1],
         residual=targets - base.held_out,
         scores=scores,
-        fold=known.fold,
+        fold=fold,
     )

@@ -9,6 +9,7 @@ import numpy as np
 
 from clothrf_core.types import Float, Float32
 from clothrf_forest.confidence import Calibration
+from clothrf_forest.curves import Curves
 from clothrf_forest.novelty import Novelty
 from clothrf_forest.projections import Projections
 from clothrf_forest.trees import Trees
@@ -29,7 +30,8 @@ class Model:
         variance: (T, L) float32 spread of the leaf's rows, m^2.
         centre: (F,) float32 mean of the features; F counts the anchor's three where it is used.
         scale: (F,) float32 inverse standard deviation of the features.
-        coef: (T, F, 3 G) float32 linear base on standardised features.
+        curves: products of directions that the base uses besides the features.
+        coef: (T, F + P, 3 G) float32 base on standardised features and products.
         intercept: (T, 3 G) float64, m.
         projections: linear columns that the trees may ask for behind all features.
         novelty: what a picture like the trained ones looks like.
@@ -46,6 +48,7 @@ class Model:
     variance: Float32
     centre: Float32
     scale: Float32
+    curves: Curves
     coef: Float32
     intercept: Float
     projections: Projections

@@ -15,7 +15,6 @@ from scipy.linalg import eigh
 from clothrf_core.types import Float, Float32
 from clothrf_forest.binning import chunks
 from clothrf_forest.ridge import Moments, Survey, added
-from clothrf_forest.rows import Rows
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,22 +66,21 @@ def without_limits(model: Novelty) -> Novelty:
     return replace(model, limits=np.array([np.inf, np.inf]))
 
 
-def fit_novelty(
-    values: Rows, known: Survey, *, components: int, quantile: float
-) -> tuple[Novelty, Float]:
+def fit_novelty(known: Survey, *, components: int, quantile: float) -> tuple[Novelty, Float]:
     """Fit on all rows; and the (N,) scores of the rows.
 
     Each half of the folds is judged by the other half's model, and the limits come from there. Too
     few rows for that: the scores are the model's own, and there is no limit.
     """
+    design = known.design
     model = principal(known.whole(), components)
     halves = [added(known.parts[0::2]), added(known.parts[1::2])]
     if min(half.n for half in halves) < 2 * components:
-        return model, model.scores(known.by.of(values[:]))
+        return model, model.scores(design.of(slice(None)))
     models = [principal(half, components) for half in halves]
-    scores = np.empty(len(values))
-    for rows in chunks(len(values)):
-        x = known.by.of(values[rows])
+    scores = np.empty(len(design))
+    for rows in chunks(len(design)):
+        x = design.of(rows)
         odd = known.fold[rows] % 2 == 1
         part = scores[rows]
         part[odd], part[~odd] = models[0].scores(x[odd]), models[1].scores(x[~odd])

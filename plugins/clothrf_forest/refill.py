@@ -18,12 +18,13 @@ from clothrf_core.errors import FeatureMismatch
 from clothrf_core.types import DatasetView, Float
 from clothrf_forest.binning import chunks
 from clothrf_forest.config import ForestConfig
+from clothrf_forest.curves import Curved
 from clothrf_forest.fitting import actions, assembled, one_blas_thread
 from clothrf_forest.forest import Grown
 from clothrf_forest.foundation import Foundation
 from clothrf_forest.model import Model
 from clothrf_forest.novelty import fit_novelty, without_limits
-from clothrf_forest.ridge import FOLDS, Linear, Scaling, Survey, fold_of, moments
+from clothrf_forest.ridge import FOLDS, Linear, Scaling, Straight, fold_of, survey
 from clothrf_forest.rows import Rows
 from clothrf_forest.traverse import leaves_of
 from clothrf_forest.trees import samples
@@ -78,25 +79,25 @@ def _foundation(
     config: ForestConfig,
     rng: np.random.Generator,
 ) -> Foundation:
-    """The linear parts of `model` as they are, and what they leave of the rows of `view`."""
+    """The smooth parts of `model` as they are, and what they leave of the rows of `view`."""
     rows = Rows(view.features, view.anchors if config.use_anchor else None)
     by = Scaling(model.centre, model.scale)
+    design = Curved(Straight(rows, by), model.curves)
     coef = np.concatenate(list(model.coef), axis=1).astype(np.float64)
     linear = Linear(coef, model.intercept.ravel())
     residual = np.empty_like(targets)
     projections = np.empty((len(rows), len(model.projections.offset)), np.float32)
     for part in chunks(len(rows)):
-        z = by.of(rows[part])
+        z = design.of(part)
         residual[part] = targets[part] - (z @ linear.coef + linear.intercept)
-        projections[part] = z @ model.projections.axes + model.projections.offset
+        projections[part] = z[:, : rows.width] @ model.projections.axes + model.projections.offset
     fold = fold_of(view.groups, FOLDS, rng)
-    known = Survey(by, fold, tuple(moments(rows, targets, fold, by)))
+    known = survey(Straight(rows, by), targets, fold)
     wanted = config.confidence
-    novelty, scores = fit_novelty(
-        rows, known, components=wanted.components, quantile=wanted.quantile
-    )
+    novelty, scores = fit_novelty(known, components=wanted.components, quantile=wanted.quantile)
     return Foundation(
         by=by,
+        curves=model.curves,
         linear=linear,
         projections=model.projections,
         novelty=novelty if wanted.novelty else without_limits(novelty),

@@ -25,13 +25,15 @@ from clothrf_core.errors import DataError
 from clothrf_core.files import atomic_write, json_bytes, names_digest, npz_bytes, read_json, sha256
 from clothrf_forest.confidence import BINS, Calibration
 from clothrf_forest.config import ForestConfig
+from clothrf_forest.curves import Curves
 from clothrf_forest.model import Model
 from clothrf_forest.novelty import Novelty
 from clothrf_forest.projections import Projections
+from clothrf_forest.ridge import Scaling
 from clothrf_forest.trees import NODE, Trees
 
 FORMAT = "clothrf-forest"
-VERSION = 1
+VERSION = 2
 ARRAYS = "forest.npz"
 ABOUT = "policy.json"
 
@@ -114,6 +116,10 @@ def _arrays_of(model: Model) -> dict[str, NDArray[Any]]:
         "variance": model.variance,
         "centre": model.centre,
         "scale": model.scale,
+        "curve_axes": model.curves.axes,
+        "curve_offset": model.curves.offset,
+        "curve_centre": model.curves.by.centre,
+        "curve_scale": model.curves.by.scale,
         "coef": model.coef,
         "intercept": model.intercept,
         "projection_axes": model.projections.axes,
@@ -144,6 +150,11 @@ def _model_of(about: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> Model:
         variance=arrays["variance"],
         centre=arrays["centre"],
         scale=arrays["scale"],
+        curves=Curves(
+            arrays["curve_axes"],
+            arrays["curve_offset"],
+            Scaling(arrays["curve_centre"], arrays["curve_scale"]),
+        ),
         coef=arrays["coef"],
         intercept=arrays["intercept"],
         projections=Projections(arrays["projection_axes"], arrays["projection_offset"]),
@@ -167,7 +178,8 @@ def _check(model: Model, folder: Path) -> None:
     f = len(model.names) + (3 if model.config["use_anchor"] else 0)
     t, d = len(model.tasks), 3 * model.num_grasps
     leaves, m = model.trees.num_leaves, len(model.trees.nodes)
-    k, h = len(model.novelty.mean), len(model.projections.offset)
+    k, h, q = len(model.novelty.mean), len(model.projections.offset), len(model.curves.offset)
+    p = q * (q + 1) // 2
     s = h if model.slopes.ndim == 4 and model.slopes.shape[2] else 0
     wanted: dict[str, tuple[NDArray[Any], tuple[int, ...], type]] = {
         "values": (model.values, (t, leaves, d), np.float32),
@@ -175,7 +187,10 @@ def _check(model: Model, folder: Path) -> None:
         "variance": (model.variance, (t, leaves), np.float32),
         "centre": (model.centre, (f,), np.float32),
         "scale": (model.scale, (f,), np.float32),
-        "coef": (model.coef, (t, f, d), np.float32),
+        "curve_axes": (model.curves.axes, (f, q), np.float32),
+        "curve_centre": (model.curves.by.centre, (p,), np.float32),
+        "curve_scale": (model.curves.by.scale, (p,), np.float32),
+        "coef": (model.coef, (t, f + p, d), np.float32),
         "intercept": (model.intercept, (t, d), np.float64),
         "projection_axes": (model.projections.axes, (f, h), np.float32),
         "novelty_axes": (model.novelty.axes, (f, k), np.float32),

@@ -12,6 +12,7 @@ from clothrf_core.testing.policy import synthetic_view
 SETTINGS = [
     {},
     {"base": "none", "pairs": 40},
+    {"base": "ridge"},
     {"target_frame": "world", "use_anchor": False},
     {"topology": "entropy-labels", "oblique": False},
     {"leaves": "mean"},

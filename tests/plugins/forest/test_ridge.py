@@ -2,7 +2,17 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from clothrf_forest.ridge import fit_base, fold_of, moments, solve, squared_error, survey
+from clothrf_forest.ridge import (
+    LIMIT,
+    Scaling,
+    Straight,
+    fit_base,
+    fold_of,
+    solve,
+    spread,
+    squared_error,
+    survey,
+)
 from clothrf_forest.rows import Rows
 from sklearn.linear_model import Ridge
 
@@ -16,6 +26,17 @@ def linear_rows(n: int = 900, noise: float = 0.1):
     return Rows(x), y, groups
 
 
+def surveyed(rows: Rows, y, groups):
+    by = spread(lambda part: rows[part], len(rows), rows.width)
+    return survey(Straight(rows, by), y, fold_of(groups, 6, np.random.default_rng(0)))
+
+
+def test_a_wild_value_counts_as_five_standard_deviations() -> None:
+    by = Scaling(np.zeros(2, np.float32), np.full(2, 10.0, np.float32))
+
+    assert by.of(np.array([[1e6, -0.1]], np.float32)).tolist() == [[LIMIT, -1.0]]
+
+
 def test_folds_hold_whole_roll_outs_of_equal_number() -> None:
     groups = np.repeat(np.arange(30), 7)
 
@@ -27,8 +48,8 @@ def test_folds_hold_whole_roll_outs_of_equal_number() -> None:
 
 def test_moments_in_folds_add_up_to_those_of_all_rows() -> None:
     rows, y, groups = linear_rows()
-    known = survey(rows, y, groups, np.random.default_rng(0))
-    x = known.by.of(rows[:])
+    known = surveyed(rows, y, groups)
+    x = known.design.of(slice(None))
 
     whole = known.whole()
 
@@ -39,8 +60,8 @@ def test_moments_in_folds_add_up_to_those_of_all_rows() -> None:
 
 def test_it_is_ridge_regression_on_features_scaled_by_their_correlation() -> None:
     rows, y, groups = linear_rows()
-    known = survey(rows, y, groups, np.random.default_rng(0))
-    x = known.by.of(rows[:])
+    known = surveyed(rows, y, groups)
+    x = known.design.of(slice(None))
     cross = (x - x.mean(0)).T @ (y - y.mean(0)) / len(x)
     weight = np.sqrt((cross**2).sum(1) / np.maximum(x.var(0), 1e-12))
     weight /= np.sqrt((weight**2).mean())
@@ -55,8 +76,8 @@ def test_it_is_ridge_regression_on_features_scaled_by_their_correlation() -> Non
 
 def test_errors_from_moments_are_those_of_the_predictions() -> None:
     rows, y, groups = linear_rows()
-    known = survey(rows, y, groups, np.random.default_rng(0))
-    x = known.by.of(rows[:])
+    known = surveyed(rows, y, groups)
+    x = known.design.of(slice(None))
     model = solve(known.parts[0], 0.1)
 
     found = squared_error(known.parts[1], model)
@@ -68,14 +89,13 @@ def test_errors_from_moments_are_those_of_the_predictions() -> None:
 
 def test_held_out_predictions_never_saw_their_roll_out() -> None:
     rows, y, groups = linear_rows()
-    first = survey(rows, y, groups, np.random.default_rng(0))
+    first = surveyed(rows, y, groups)
     mine = first.fold == 2
     other = y.copy()
     other[mine] += 100.0
 
-    a = fit_base(rows, y, first)
-    parts = tuple(moments(rows, other, first.fold, first.by))
-    b = fit_base(rows, other, type(first)(first.by, first.fold, parts))
+    a = fit_base(y, first)
+    b = fit_base(other, survey(first.design, other, first.fold))
 
     if a.strength == b.strength:
         np.testing.assert_allclose(a.held_out[mine], b.held_out[mine])
@@ -84,9 +104,9 @@ def test_held_out_predictions_never_saw_their_roll_out() -> None:
 
 def test_what_is_linear_is_found() -> None:
     rows, y, groups = linear_rows(noise=0.01)
-    known = survey(rows, y, groups, np.random.default_rng(0))
+    known = surveyed(rows, y, groups)
 
-    base = fit_base(rows, y, known)
+    base = fit_base(y, known)
 
     assert np.sqrt(((base.held_out - y) ** 2).mean()) < 0.015
 
@@ -94,8 +114,8 @@ def test_what_is_linear_is_found() -> None:
 def test_pure_noise_is_shrunk_to_nearly_a_constant() -> None:
     rows, _, groups = linear_rows(200)
     noise = np.random.default_rng(1).normal(size=(200, 4))
-    known = survey(rows, noise, groups, np.random.default_rng(0))
+    known = surveyed(rows, noise, groups)
 
-    base = fit_base(rows, noise, known)
+    base = fit_base(noise, known)
 
     assert ((base.held_out - noise) ** 2).mean() < 1.1 * noise.var()

@@ -41,7 +41,7 @@ def test_the_json_says_what_it_is_and_what_made_it(folder) -> None:
     about = json.loads((folder / "policy.json").read_text())
 
     assert about["format"] == "clothrf-forest"
-    assert about["version"] == 1
+    assert about["version"] == 2
     assert about["tasks"] == ["task 0"]
     assert about["config"]["trees"] == 4
     assert about["names"][0] == "feature 0"
