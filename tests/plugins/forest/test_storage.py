@@ -63,9 +63,9 @@ def test_a_changed_byte_is_found(folder) -> None:
 
 def test_a_newer_version_is_refused(folder) -> None:
     about = json.loads((folder / "policy.json").read_text())
-    (folder / "policy.json").write_text(json.dumps({**about, "version": 2}))
+    (folder / "policy.json").write_text(json.dumps({**about, "version": 3}))
 
-    with pytest.raises(DataError, match="expected version 1, got 2"):
+    with pytest.raises(DataError, match="expected version 2, got 3"):
         load(folder)
 
 
