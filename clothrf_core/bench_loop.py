@@ -13,8 +13,7 @@ import tempfile
 import time
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 import tomli_w
@@ -26,6 +25,7 @@ from clothrf_core.interfaces import Policy
 from clothrf_core.limits import Limits
 from clothrf_core.locations import shipped
 from clothrf_core.loop import Controller, Step
+from clothrf_core.opening import NothingToOpen
 from clothrf_core.provider import BuildContext, Figure
 from clothrf_core.registry import Registry
 from clothrf_core.rollout import stream
@@ -45,21 +45,10 @@ while True:
 
 
 @dataclass
-class Sink:
+class Sink(NothingToOpen):
     """A robot that takes commands and stays."""
 
     positions: Float
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        return None
 
     def state(self) -> GraspState:
         """Where it stays."""

@@ -9,8 +9,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 from typing_extensions import override
@@ -21,13 +20,14 @@ from clothrf_core.errors import ConfigError, suggestion
 from clothrf_core.interfaces import Camera, Policy, RenderedCamera, Robot
 from clothrf_core.limits import Limits
 from clothrf_core.loop import Controller, Observer, Step
+from clothrf_core.opening import CameraAround
 from clothrf_core.provider import BuildContext
 from clothrf_core.registry import Registry
 from clothrf_core.simulated import SimulatedCamera, SimulatedRobot, SimulatedWorld
 from clothrf_core.types import RgbdFrame, RobotCommand
 
 
-class RehearsalCamera(Camera):
+class RehearsalCamera(CameraAround):
     """Draws simulated cloth that hangs on the grippers of a robot that is not simulated here.
 
     Each `read` lets one control period pass: the hands move, and the cloth's grasped corners go
@@ -35,24 +35,11 @@ class RehearsalCamera(Camera):
     """
 
     def __init__(self, camera: SimulatedCamera, world: SimulatedWorld, robot: Robot) -> None:
+        super().__init__(camera)
         self._camera = camera
         self._world = world
         self._robot = robot
         self._sequence = 0
-
-    @override
-    def __enter__(self) -> Self:
-        self._camera.__enter__()
-        return self
-
-    @override
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self._camera.__exit__(kind, error, trace)
 
     @override
     def read(self, timeout_s: float = 1.0) -> RgbdFrame:

@@ -8,15 +8,12 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
-from types import TracebackType
-from typing import Self
 
 import numpy as np
 from numpy.random import Generator, SeedSequence
 from typing_extensions import override
 
 from clothrf_core.interfaces import (
-    Camera,
     Expert,
     HandMotion,
     Randomizer,
@@ -25,6 +22,7 @@ from clothrf_core.interfaces import (
     Simulator,
     World,
 )
+from clothrf_core.opening import CameraAround, NothingToOpen
 from clothrf_core.params import Randomization, SimulationParams
 from clothrf_core.rig import Rig
 from clothrf_core.scene import Label, Picture, Scene, SceneMesh, along, box, capsule, cloth_mesh
@@ -186,26 +184,13 @@ class SimulatedWorld(World):
         return self._offset
 
 
-class SimulatedCamera(Camera):
+class SimulatedCamera(CameraAround):
     """A rendered camera with the world's sensor noise in front of it."""
 
     def __init__(self, renderer: RenderedCamera, world: SimulatedWorld) -> None:
+        super().__init__(renderer)
         self._renderer = renderer
         self._world = world
-
-    @override
-    def __enter__(self) -> Self:
-        self._renderer.__enter__()
-        return self
-
-    @override
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self._renderer.__exit__(kind, error, trace)
 
     @override
     def read(self, timeout_s: float = 1.0) -> RgbdFrame:
@@ -220,24 +205,11 @@ class SimulatedCamera(Camera):
         return self._renderer.render(self._world.scene(), camera)
 
 
-class SimulatedRobot(Robot):
+class SimulatedRobot(NothingToOpen, Robot):
     """Grippers that go where they are told; sending lets one control period pass."""
 
     def __init__(self, world: World) -> None:
         self._world = world
-
-    @override
-    def __enter__(self) -> Self:
-        return self
-
-    @override
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        return None
 
     @override
     def state(self) -> GraspState:

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from types import TracebackType
-from typing import Self
-
 import cv2
 import numpy as np
 from typing_extensions import override
@@ -15,14 +12,15 @@ from clothrf_calibration.simcamera import board_scene
 from clothrf_calibration.synthetic import board_poses
 from clothrf_core.camera_model import scaled
 from clothrf_core.errors import StaleFrame
-from clothrf_core.interfaces import Camera, RenderedCamera
+from clothrf_core.interfaces import RenderedCamera
+from clothrf_core.opening import CameraAround
 from clothrf_core.types import CameraModel, Float, RgbdFrame
 
 SUPERSAMPLING = 3
 PERIOD_NS = 33_000_000
 
 
-class PracticeCamera(Camera):
+class PracticeCamera(CameraAround):
     """Renders the board at random places; a robot carries it with a known grip.
 
     Attributes:
@@ -39,6 +37,7 @@ class PracticeCamera(Camera):
         count: int,
         noise: float = 2.0,
     ) -> None:
+        super().__init__(renderer)
         self._renderer, self._model, self._board = renderer, model, board
         self._rng, self._noise = rng, noise
         size = float(np.linalg.norm(np.ptp(board.points[:, :2], axis=0)))
@@ -50,20 +49,6 @@ class PracticeCamera(Camera):
         self.T_gripper_board[:3, :3] = rigid.exp(np.array([0.2, -0.1, 0.4]))
         self.T_gripper_board[:3, 3] = [0.03, -0.05, 0.08]
         self._index = -1
-
-    @override
-    def __enter__(self) -> Self:
-        self._renderer.__enter__()
-        return self
-
-    @override
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self._renderer.__exit__(kind, error, trace)
 
     @override
     def read(self, timeout_s: float = 1.0) -> RgbdFrame:

@@ -23,6 +23,7 @@ from clothrf_core import imitation
 from clothrf_core.compose import cached_policy, cached_workshop
 from clothrf_core.dataset import ARRAYS, Rollout
 from clothrf_core.errors import DataError
+from clothrf_core.opening import CameraAround
 from clothrf_core.registry import Registry
 from clothrf_core.rollout import RolloutJob, roll_out
 from clothrf_core.simulated import SimulatedCamera
@@ -39,17 +40,9 @@ class Watched(SimulatedCamera):
     """A simulated camera whose frames are also shown to somebody else."""
 
     def __init__(self, camera: SimulatedCamera, show: Callable[[RgbdFrame], None]) -> None:
+        CameraAround.__init__(self, camera)
         self._camera = camera
         self._show = show
-
-    @override
-    def __enter__(self) -> Watched:
-        self._camera.__enter__()
-        return self
-
-    @override
-    def __exit__(self, *error: Any) -> None:
-        self._camera.__exit__(*error)
 
     @override
     def read(self, timeout_s: float = 1.0) -> RgbdFrame:
