@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from clothrf_core.errors import ConfigError
+from clothrf_core.params import SimulationParams
 from clothrf_core.types import ClothMesh, Float
 
 REACH = 1e-3
@@ -11,6 +13,28 @@ REACH = 1e-3
 FIRST = [0, 0, 0, 1, 1, 2]
 SECOND = [1, 2, 3, 2, 3, 3]
 """The six pairs of corners: hand 0, hand 1, grasp 0, grasp 1."""
+
+
+def check_cloth(params: SimulationParams) -> None:
+    """Refuse a cloth that cannot be.
+
+    Raises:
+        ConfigError: size, resolution or a number of the fabric is out of range.
+    """
+    fabric = params.fabric
+    if min(params.resolution) < 2 or min(params.size) <= 0.0:
+        raise ConfigError(
+            "simulation: expected at least 2 x 2 vertices and a size above 0, got resolution "
+            f"{params.resolution}, size {params.size} m"
+        )
+    positive = ("density", "stretch_warp", "stretch_weft")
+    numbers = {k: getattr(fabric, k) for k in (*positive, "shear", "bending", "damping", "drag")}
+    for key, value in numbers.items():
+        if not np.isfinite(value) or value < 0.0 or (value == 0.0 and key in positive):
+            raise ConfigError(
+                f"fabric '{fabric.name}': expected {key} "
+                f"{'> 0' if key in positive else '>= 0'}, got {value}"
+            )
 
 
 def grid_mesh(size: tuple[float, float], resolution: tuple[int, int]) -> ClothMesh:

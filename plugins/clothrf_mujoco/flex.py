@@ -23,9 +23,9 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from clothrf_core.errors import ConfigError, MissingDependency
+from clothrf_core.errors import MissingDependency
 from clothrf_core.params import Fabric, SimulationParams
-from clothrf_core.sheet import grid_mesh
+from clothrf_core.sheet import check_cloth, grid_mesh
 from clothrf_core.types import ClothMesh, Float
 from clothrf_mujoco.config import FlexOptions
 
@@ -67,7 +67,7 @@ def flex(params: SimulationParams, options: FlexOptions) -> Flex:
         ConfigError: size, resolution or fabric are out of range.
         MissingDependency: MuJoCo is too old.
     """
-    _check(params)
+    check_cloth(params)
     if int(mujoco.__version__.split(".")[0]) < OLDEST:
         raise MissingDependency(
             f"simulator 'mujoco': expected mujoco >= {OLDEST}.0, which integrates flex "
@@ -173,20 +173,3 @@ def _xml(mesh: ClothMesh, mass: Float, options: FlexOptions, *, collide: bool) -
       </flex>
     </deformable>
     </mujoco>"""
-
-
-def _check(params: SimulationParams) -> None:
-    fabric = params.fabric
-    if min(params.resolution) < 2 or min(params.size) <= 0.0:
-        raise ConfigError(
-            "simulation: expected at least 2 x 2 vertices and a size above 0, got resolution "
-            f"{params.resolution}, size {params.size} m"
-        )
-    positive = ("density", "stretch_warp", "stretch_weft")
-    for key in (*positive, "shear", "bending", "damping", "drag"):
-        value = getattr(fabric, key)
-        if not np.isfinite(value) or value < 0.0 or (value == 0.0 and key in positive):
-            raise ConfigError(
-                f"fabric '{fabric.name}': expected {key} "
-                f"{'> 0' if key in positive else '>= 0'}, got {value}"
-            )

@@ -22,9 +22,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from clothrf_core.errors import ConfigError
 from clothrf_core.params import Fabric, SimulationParams
-from clothrf_core.sheet import grid_mesh
+from clothrf_core.sheet import check_cloth, grid_mesh
 from clothrf_core.types import ClothMesh, Float
 
 GRAVITY = 9.81
@@ -71,7 +70,7 @@ def weave(
     Raises:
         ConfigError: size, resolution or fabric are out of range.
     """
-    _check(params)
+    check_cloth(params)
     (width, length), (nu, nv) = params.size, params.resolution
     fabric = params.fabric
     du, dv = width / (nu - 1), length / (nv - 1)
@@ -136,20 +135,3 @@ def _stiffnesses(fabric: Fabric, du: float, dv: float) -> tuple[float, float, fl
     along_u = max(c_uu - shear * (du / dv) ** 2, 0.1 * c_uu) * dv / du
     along_v = max(c_vv - shear * (dv / du) ** 2, 0.1 * c_vv) * du / dv
     return along_u, along_v, shear * (du * du + dv * dv) / (2.0 * du * dv)
-
-
-def _check(params: SimulationParams) -> None:
-    fabric = params.fabric
-    if min(params.resolution) < 2 or min(params.size) <= 0.0:
-        raise ConfigError(
-            "simulation: expected at least 2 x 2 vertices and a size above 0, got resolution "
-            f"{params.resolution}, size {params.size} m"
-        )
-    positive = ("density", "stretch_warp", "stretch_weft")
-    numbers = {k: getattr(fabric, k) for k in (*positive, "shear", "bending", "damping", "drag")}
-    for key, value in numbers.items():
-        if not np.isfinite(value) or value < 0.0 or (value == 0.0 and key in positive):
-            raise ConfigError(
-                f"fabric '{fabric.name}': expected {key} "
-                f"{'> 0' if key in positive else '>= 0'}, got {value}"
-            )
