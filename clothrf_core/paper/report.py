@@ -8,8 +8,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
+from clothrf_core import plots
 from clothrf_core.files import atomic_write, csv_bytes, json_bytes, read_json
-from clothrf_core.paper import pictures, results, tables, words
+from clothrf_core.paper import data, pictures, results, tables, words
 from clothrf_core.paper.data import Workspace
 from clothrf_core.paper.study import Study
 from clothrf_core.provider import Figure
@@ -44,8 +47,8 @@ def write_report(space: Workspace, found: Mapping[str, Any], made: Sequence[Figu
     for part in parts:
         drawn = pictures.files(part.picture[1]) if part.picture else None
         if part.picture and drawn:
-            for data, ending in zip(drawn, ("png", "svg"), strict=True):
-                atomic_write(out / "plots" / f"{part.picture[0]}.{ending}", data)
+            for drawing, ending in zip(drawn, ("png", "svg"), strict=True):
+                atomic_write(out / "plots" / f"{part.picture[0]}.{ending}", drawing)
         if part.table:
             atomic_write(out / "tables" / f"{part.table[0]}.csv", csv_bytes(part.table[1]))
         markdown.append(_markdown(part))
@@ -123,6 +126,16 @@ def page(
                 ("strange", tables.strange(study, found)),
             )
         )
+    if len(found["confidence"]) > 1:
+        rows = [[f"{c:.2f}", f"{rms:.1f}", f"{n:.0f}"] for c, rms, n in found["confidence"]]
+        parts.append(
+            Part(
+                "What the forest's confidence is worth",
+                ["Answers on unseen roll-outs by what the forest said of them (first seed)."],
+                ("confidence", [["confidence", "RMS, mm", "answers"], *rows]),
+                ("confidence", plots.confidence(np.array(found["confidence"]))),
+            )
+        )
     parts.append(Part("Time (varies from run to run)", table=("times", tables.times(study, spent))))
     return parts
 
@@ -148,12 +161,15 @@ def heading(space: Workspace) -> tuple[str, str]:
     """Title, and what was measured where."""
     about = read_json(space.out / "versions.json")
     size = space.size
+    first = {purpose: data.seed_of(purpose, 0) for purpose in data.PURPOSES}
     return "The paper, measured again", (
         f"{size.seeds} seed{'s' if size.seeds > 1 else ''}, "
         f"{size.rollouts * size.steps:,} training samples in {size.rollouts} roll-outs, "
         f"{size.test_rollouts} unseen roll-outs, DAgger {size.iterations} iterations. ± is the "
-        f"95 % interval of the mean over seeds. {about['machine']}, Python {about['python']}, "
-        f"started {about['started']}."
+        f"95 % interval of the mean over seeds. Seeds of training count from {first['train']}, of "
+        f"tests from {first['test']}, of hard conditions from {first['condition']}, of closed "
+        f"loops from {first['episode']}: nothing is judged on what it learnt from or was chosen "
+        f"on. {about['machine']}, Python {about['python']}, started {about['started']}."
     )
 
 
