@@ -71,6 +71,7 @@ class Foreground:
         area: pixels of the mask.
         centre: mean column, mean row (working pixels) and mean depth (metres); zeros if empty.
         box: (x0, y0, x1, y1) half-open bounding box of the mask; all 0 if it is empty.
+        roi: the same of everything that may be cloth or touches it in front of the background.
         usable: False when there is too little to say anything.
     """
 
@@ -82,6 +83,7 @@ class Foreground:
     area: int
     centre: tuple[float, float, float]
     box: tuple[int, int, int, int]
+    roi: tuple[int, int, int, int]
     usable: bool
 
 
@@ -99,14 +101,15 @@ def foreground(
         np.array(where.low, np.float32),
         np.array(where.high, np.float32),
     )
+    roi = kernels.reach(state, kernels.CANDIDATE)
     if where.hue is not None:
         wrong = ~hue_mask(block_colour(frame.rgb, view.factor), where)
         state[wrong & (state == kernels.CANDIDATE)] = kernels.ODD
     elif options.colour_tolerance > 0.0:
-        kernels.odd_colours(state, frame.rgb, view.factor, options.colour_tolerance)
-    label, area = surface_kernels.surfaces(z, state, options.jump, kernels.CANDIDATE)
+        kernels.odd_colours(state, frame.rgb, view.factor, options.colour_tolerance, roi)
+    label, area = surface_kernels.surfaces(z, state, options.jump, kernels.CANDIDATE, roi)
     mask = label == _largest(area)
-    for piece in _further_pieces(label, area, z, options):
+    for piece in _further_pieces(label, area, z, options, roi):
         mask |= label == piece
     mask, depth = mask_kernels.bridge(mask, z, options.fill_gap, options.jump)
     box = mask_kernels.bounds(mask)
@@ -121,6 +124,7 @@ def foreground(
         area=count,
         centre=(u / many, v / many, total / many),
         box=box,
+        roi=roi,
         usable=count >= max(16.0, options.min_share * mask.size),
     )
 
@@ -176,7 +180,11 @@ def _largest(area: NDArray[np.int32]) -> int:
 
 
 def _further_pieces(
-    label: NDArray[np.int32], area: NDArray[np.int32], z: Float32, options: ForegroundOptions
+    label: NDArray[np.int32],
+    area: NDArray[np.int32],
+    z: Float32,
+    options: ForegroundOptions,
+    roi: tuple[int, int, int, int],
 ) -> list[int]:
     """Pieces large enough that are not far before or behind the largest one where they meet it."""
     main = _largest(area)
@@ -184,7 +192,7 @@ def _further_pieces(
     pieces = [int(n) for n in np.flatnonzero(area >= least) if n != main]
     if not pieces:
         return []
-    meets = surface_kernels.apart(label, area, z, main, least, options.stand_off)
+    meets = surface_kernels.apart(label, area, z, main, least, options.stand_off, roi)
     return [n for n in pieces if 2 * meets[n, 0] <= meets[n, 1]]
 
 
@@ -196,7 +204,8 @@ def warm() -> None:
     z, state = kernels.reduce_pixels(
         one, 0.1, 1.0, np.zeros((3, 2, 2), np.float32), ends, ends, ends
     )
-    kernels.odd_colours(state, np.zeros((2, 2, 3), np.uint8), 1, 0.1)
-    label, area = surface_kernels.surfaces(z, state, 0.1, kernels.CANDIDATE)
-    surface_kernels.apart(label, area, z, 1, 1, 0.1)
+    kernels.reach(state, kernels.CANDIDATE)
+    kernels.odd_colours(state, np.zeros((2, 2, 3), np.uint8), 1, 0.1, (0, 0, 2, 2))
+    label, area = surface_kernels.surfaces(z, state, 0.1, kernels.CANDIDATE, (0, 0, 2, 2))
+    surface_kernels.apart(label, area, z, 1, 1, 0.1, (0, 0, 2, 2))
     mask_kernels.sums(*mask_kernels.bridge(state > 0, z, 1, 0.1), (0, 0, 2, 2))

@@ -130,6 +130,29 @@ def reduce_pixels(
     return z, state
 
 
+@njit(cache=True, nogil=True)
+def reach(state: NDArray[np.uint8], wanted: int) -> tuple[int, int, int, int]:
+    """Half-open (x0, y0, x1, y1) of the pixels in state `wanted`; zeros if there are none."""
+    h, w = state.shape
+    x0, y0, x1, y1 = w, h, 0, 0
+    for y in range(h):
+        line = state[y]
+        many = np.int32(0)
+        for x in range(w):
+            many += np.int32(1) if line[x] == wanted else np.int32(0)
+        if many == 0:
+            continue
+        first = 0
+        while first < x0 and line[first] != wanted:
+            first += 1
+        last = w
+        while last > x1 and line[last - 1] != wanted:
+            last -= 1
+        x0, x1 = min(x0, first), max(x1, last)
+        y0, y1 = min(y0, y), y + 1
+    return (x0, y0, x1, y1) if y1 > 0 else (0, 0, 0, 0)
+
+
 # Sum of r, g, b below which a pixel has no colour to speak of, and bins of a chromaticity.
 DARK = 36
 BINS = 256
@@ -139,7 +162,11 @@ LEAST_SPREAD = np.float32(0.025)
 
 @njit(cache=True, nogil=True)
 def odd_colours(
-    state: NDArray[np.uint8], rgb: NDArray[np.uint8], factor: int, tolerance: float
+    state: NDArray[np.uint8],
+    rgb: NDArray[np.uint8],
+    factor: int,
+    tolerance: float,
+    box: tuple[int, int, int, int],
 ) -> int:
     """Mark as `ODD`, in place, candidates that differ in colour from most of them.
 
@@ -154,43 +181,45 @@ def odd_colours(
         rgb: (factor h or more, factor w or more, 3) uint8; a block's first pixel stands for it.
         factor: picture pixels along a block's side.
         tolerance: of each of the two chromaticities.
+        box: half-open (x0, y0, x1, y1) that holds all candidates.
 
     Returns:
         Number of candidates marked.
     """
-    h, w = state.shape
+    x0, y0, x1, y1 = box
+    # Every third pixel of every third row, counted from the picture's corner.
+    left, top = -(-x0 // 3) * 3, -(-y0 // 3) * 3
     red = np.zeros(BINS, np.int64)
     green = np.zeros(BINS, np.int64)
+    most = max((y1 - top + 2) // 3 * ((x1 - left + 2) // 3), 1)
+    reds, greens = np.empty(most, np.float32), np.empty(most, np.float32)
+    totals = np.empty(most, np.float32)
     seen = bright = 0
-    # Every third pixel of every third row is enough for a median.
-    for y in range(0, h, 3):
-        for x in range(0, w, 3):
-            if state[y, x] != CANDIDATE:
+    # That many are enough for a median.
+    for y in range(top, y1, 3):
+        line, kind = rgb[y * factor], state[y]
+        for x in range(left, x1, 3):
+            if kind[x] != CANDIDATE:
                 continue
             seen += 1
-            r = int(rgb[y * factor, x * factor, 0])
-            g = int(rgb[y * factor, x * factor, 1])
-            total = r + g + int(rgb[y * factor, x * factor, 2])
+            at = np.uint64(x * factor)
+            r, g = np.float32(line[at, 0]), np.float32(line[at, 1])
+            total = r + g + np.float32(line[at, 2])
             if total >= DARK:
+                reds[bright], greens[bright], totals[bright] = r, g, total
                 bright += 1
-                red[min(BINS * r // total, BINS - 1)] += 1
-                green[min(BINS * g // total, BINS - 1)] += 1
     if 2 * bright <= seen:
         return 0
+    bins, last = np.float32(BINS), np.float32(BINS - 1)
+    for i in range(bright):
+        red[int(min(bins * reds[i] / totals[i], last))] += 1
+        green[int(min(bins * greens[i] / totals[i], last))] += 1
     middle_red, middle_green = _median(red, bright), _median(green, bright)
     red[:] = 0
-    for y in range(0, h, 3):
-        for x in range(0, w, 3):
-            if state[y, x] != CANDIDATE:
-                continue
-            r = int(rgb[y * factor, x * factor, 0])
-            g = int(rgb[y * factor, x * factor, 1])
-            total = r + g + int(rgb[y * factor, x * factor, 2])
-            if total >= DARK:
-                t = np.float32(total)
-                off_red = abs(np.float32(r) / t - middle_red)
-                off_green = abs(np.float32(g) / t - middle_green)
-                red[min(int(np.float32(BINS) * max(off_red, off_green)), BINS - 1)] += 1
+    for i in range(bright):
+        off_red = abs(reds[i] / totals[i] - middle_red)
+        off_green = abs(greens[i] / totals[i] - middle_green)
+        red[int(min(bins * max(off_red, off_green), last))] += 1
     own = np.float32(5.0) * _median(red, bright)
     width = np.float32(tolerance)
     spread = own if own > LEAST_SPREAD else LEAST_SPREAD
@@ -199,29 +228,34 @@ def odd_colours(
     # Four counts of slack for the rounding of dark pixels.
     slack = np.float32(4.0)
     many = agree = 0
-    for y in range(h):
-        for x in range(w):
-            if state[y, x] != CANDIDATE:
-                continue
-            r = int(rgb[y * factor, x * factor, 0])
-            g = int(rgb[y * factor, x * factor, 1])
-            total = r + g + int(rgb[y * factor, x * factor, 2])
-            if total < DARK:
-                continue
-            t = np.float32(total)
+    candidate, odd, dark = np.uint8(CANDIDATE), np.uint8(ODD), np.float32(DARK)
+    wide = x1 - x0
+    r8, g8, b8 = (np.empty(wide, np.uint8), np.empty(wide, np.uint8), np.empty(wide, np.uint8))
+    for y in range(y0, y1):
+        line, kind = rgb[y * factor], state[y, x0:x1]
+        # Colours apart first, so that the loop over them is vector code; an index that might be
+        # negative would be checked.
+        at = np.uint64(x0 * factor)
+        for i in range(wide):
+            r8[i] = line[at, 0]
+            g8[i] = line[at, 1]
+            b8[i] = line[at, 2]
+            at += np.uint64(factor)
+        for i in range(wide):
+            r, g = np.float32(r8[i]), np.float32(g8[i])
+            t = r + g + np.float32(b8[i])
             limit = width * t + slack
-            if (
-                abs(np.float32(r) - middle_red * t) > limit
-                or abs(np.float32(g) - middle_green * t) > limit
-            ):
-                state[y, x] = ODD
-                many += 1
-            else:
-                agree += 1
-    if agree > many:
+            far = (abs(r - middle_red * t) > limit) | (abs(g - middle_green * t) > limit)
+            told = (kind[i] == candidate) & (t >= dark)
+            r8[i] = np.uint8(1) if told else np.uint8(0)
+            kind[i] = odd if told & far else kind[i]
+        for i in range(wide):
+            agree += r8[i]
+            many += kind[i] == odd
+    if agree - many > many:
         return many
-    for y in range(h):
-        for x in range(w):
+    for y in range(y0, y1):
+        for x in range(x0, x1):
             if state[y, x] == ODD:
                 state[y, x] = CANDIDATE
     return 0

@@ -32,6 +32,8 @@ LEAST_AREA = 20
 # A thing's pixels over its touching ones, at least: a fringe of the cloth's rim in the background's
 # colour (colour and depth never match to the pixel) touches with every pixel it has.
 LEAST_DEPTH = 3.0
+# Metres from the measured grasp within which a thing touches, or ends, that is a gripper.
+HELD = 0.06
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -81,15 +83,27 @@ class Holders:
     away: Float
 
 
-def find_holders(area: Foreground, anchor: Float, layout: Layout) -> Holders:
-    """The two largest things on the person's side and on the robot's, in the order of `across`."""
+def find_holders(
+    area: Foreground, anchor: Float, layout: Layout, grasp: Float | None = None
+) -> Holders:
+    """The two largest things on the person's side and on the robot's, in the order of `across`.
+
+    Args:
+        area: the cloth.
+        anchor: (3,) world, m.
+        layout: which way the person stands.
+        grasp: (2, 3) where the robot says its grippers are, m from the anchor; None or NaN: not
+            known. What is there is that gripper, whatever it looks like: in a twist the grippers
+            stand above each other, and a gripper in front of the cloth looks like a hand.
+    """
     seen = np.zeros(4, bool)
     points, tips, away = np.zeros((4, 3)), np.zeros((4, 3)), np.zeros((4, 3))
-    label, size = surfaces(area.measured, area.state, SMOOTH, ODD)
+    label, size = surfaces(area.measured, area.state, SMOOTH, ODD, area.roi)
     start = (area.view.camera.T_world_camera[:3, 3] - anchor).astype(np.float32)
     table, boxes = touches(
-        label, size, area.mask, area.depth, area.measured, area.view.directions, start, TOUCH
-    )
+        label, size, area.mask, area.depth, area.measured, area.view.directions, start, TOUCH,
+        area.roi,
+    )  # fmt: skip
     touching, whole = table[:, 0], table[:, 4]
     things = np.flatnonzero(
         (touching >= LEAST_TOUCH) & (whole >= LEAST_AREA) & (whole >= LEAST_DEPTH * touching)
@@ -97,24 +111,67 @@ def find_holders(area: Foreground, anchor: Float, layout: Layout) -> Holders:
     table = table[things]
     middle = table[:, 1:4] / table[:, :1]
     reach = table[:, 5:8] / table[:, 4:5] - middle
-    # A thing is the person's if it points, and lies, to the person's side.
-    by_person = (middle + 2.0 * reach) @ layout.towards_hands > 0.0
+    end = np.zeros_like(middle)
+    for i, number in enumerate(things):
+        end[i] = tip(
+            label, int(number), boxes[number], area.measured, area.view.directions, start, reach[i]
+        )
+    known = None if grasp is None or not np.isfinite(grasp).all() else grasp
     # One hand alone is the one on whose side of the rest pose it is.
     centre = np.zeros(3) if layout.middle is None else layout.middle - anchor
-    for first, group in ((0, np.flatnonzero(by_person)), (2, np.flatnonzero(~by_person))):
-        largest = group[np.argsort(-table[group, 4], kind="stable")[:2]]
-        order = largest[np.argsort(middle[largest] @ layout.across, kind="stable")]
-        slots = [first, first + 1]
-        if order.size == 1:
-            slots = [first + int((middle[order[0]] - centre) @ layout.across > 0.0)]
-        for slot, which in zip(slots, order, strict=False):
-            seen[slot], points[slot], away[slot] = True, middle[which], reach[which]
-            number = int(things[which])
-            tips[slot] = tip(
-                label, number, boxes[number], area.measured, area.view.directions, start,
-                reach[which],
-            )  # fmt: skip
+    for slot, which in slots(middle, end, reach, table[:, 4], layout, centre, known).items():
+        seen[slot], points[slot], away[slot] = True, middle[which], reach[which]
+        tips[slot] = end[which]
     return Holders(seen, points, tips, away)
+
+
+def slots(
+    middle: Float,
+    end: Float,
+    reach: Float,
+    size: Float,
+    layout: Layout,
+    centre: Float,
+    grasp: Float | None,
+) -> dict[int, int]:
+    """Which of n things is in which of the `SLOTS`.
+
+    Args:
+        middle: (n, 3) of each thing's touch, m from the anchor.
+        end: (n, 3) of each thing, turned to the cloth.
+        reach: (n, 3) from the touch to the middle of the thing.
+        size: (n,) pixels.
+        layout: which way the person stands.
+        centre: (3,) between the rest hands.
+        grasp: (2, 3) the measured grippers, if known.
+    """
+    result: dict[int, int] = {}
+    free = np.ones(len(middle), bool)
+    origin = np.zeros(3)
+    if grasp is not None:
+        origin = grasp.mean(0)
+        apart = np.minimum(
+            np.linalg.norm(middle[:, None] - grasp, axis=2),
+            np.linalg.norm(end[:, None] - grasp, axis=2),
+        )
+        for which, i in sorted(np.ndindex(apart.shape), key=lambda pair: float(apart[pair])):
+            if apart[which, i] < HELD and free[which] and 2 + i not in result:
+                result[2 + i] = which
+                free[which] = False
+    # A thing is the person's if it points, and lies, to the person's side.
+    by_person = (middle - origin + 2.0 * reach) @ layout.towards_hands > 0.0
+    groups = [(0, by_person & free)]
+    if grasp is None:
+        groups.append((2, ~by_person))
+    for first, wanted in groups:
+        group = np.flatnonzero(wanted)
+        largest = group[np.argsort(-size[group], kind="stable")[:2]]
+        order = largest[np.argsort(middle[largest] @ layout.across, kind="stable")]
+        places = [first, first + 1]
+        if order.size == 1:
+            places = [first + int((middle[order[0]] - centre) @ layout.across > 0.0)]
+        result.update(zip(places, (int(which) for which in order), strict=False))
+    return result
 
 
 # Scalars and one sweep of the thing's own box: with small arrays made for every pixel this took
@@ -170,11 +227,13 @@ def touches(
     directions: NDArray[np.float32],
     start: NDArray[np.float32],
     touch: float,
+    roi: tuple[int, int, int, int],
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """(labels + 1, 8): touching pixels, the sum of their cloth points, area, the sum of all points.
 
-    And (labels + 1, 4): the half-open box (x0, y0, x1, y1) of each label's pixels. A pixel of a thing touches the cloth if one of its four neighbours is cloth within `touch` of
-    its depth; the point counted is the cloth's.
+    And (labels + 1, 4): the half-open box (x0, y0, x1, y1) of each label's pixels. A pixel of a
+    thing touches the cloth if one of its four neighbours is cloth within `touch` of its depth; the
+    point counted is the cloth's. All of it lies in `roi`.
     """
     h, w = label.shape
     table = np.zeros((size.size, 8))
@@ -182,8 +241,9 @@ def touches(
     boxes[:, 0] = w
     boxes[:, 1] = h
     limit = np.float32(touch)
-    for y in range(h):
-        for x in range(w):
+    x0, y0, x1, y1 = roi
+    for y in range(y0, y1):
+        for x in range(x0, x1):
             n = label[y, x]
             if n == 0:
                 continue

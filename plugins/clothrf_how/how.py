@@ -23,6 +23,7 @@ from clothrf_how import how_kernels as kernels
 from clothrf_how.config import HowOptions
 from clothrf_how.foreground import Foreground, block_colour
 from clothrf_how.gabor import Factors, bank, factors
+from clothrf_how.lanes import LANES
 from clothrf_how.mask_kernels import bounds
 
 RESPONSES = {
@@ -116,7 +117,9 @@ class How:
         grid: Grid,
     ) -> list[Float]:
         if self._separable:
-            return [p.sums(picture, mask, box, grid, self.options) for p in self._passes]
+            margin = max(p.margin for p in self._passes)
+            pair = boards(picture, mask, box, grid, margin)
+            return [p.sums(*pair, self.options) for p in self._passes]
         orientations, wavelengths, _, _ = LAYOUTS[self.options.layout]
         lengths = (self.options.wavelength, self.options.second_wavelength)[:wavelengths]
         return [
@@ -157,41 +160,28 @@ class Passes:
             margin=wave.reach() + 1,
         )
 
-    def sums(
-        self,
-        picture: Float32,
-        mask: NDArray[np.bool_],
-        box: tuple[int, int, int, int],
-        grid: Grid,
-        options: HowOptions,
-    ) -> Float:
-        """(rows, columns) float64 of the pixels in `box`; answers outside the mask do not count.
+    def sums(self, board: Board, turned: Board, options: HowOptions) -> Float:
+        """(rows, columns) float64 of the pixels in a box; answers outside the mask do not count.
 
         With ``every = 2`` the answers of every second row are summed, and of every second column
         for wrinkles that run along the rows: along a wrinkle the answer hardly changes.
+
+        Args:
+            board: the picture.
+            turned: the transposed one; waves down the columns are waves along its rows.
+            options: response and `every`.
         """
-        x0, y0, x1, y1 = box
-        m = self.margin
-        padded, inside = surrounded(picture, box, m), mask[y0:y1, x0:x1].astype(np.float32)
         if self.across == (0, 1):
-            # Waves down the columns are waves along the rows of the transposed picture.
-            padded, inside = np.ascontiguousarray(padded.T), np.ascontiguousarray(inside.T)
-            return self._run(padded, inside, (0, 1), (1, 0), grid.turned(), options).T
-        return self._run(padded, inside, self.along, self.across, grid, options)
+            return self._run(turned, (0, 1), (1, 0), options).T
+        return self._run(board, self.along, self.across, options)
 
     def _run(
-        self,
-        padded: Float32,
-        inside: Float32,
-        along: tuple[int, int],
-        across: tuple[int, int],
-        grid: Grid,
-        options: HowOptions,
+        self, board: Board, along: tuple[int, int], across: tuple[int, int], options: HowOptions
     ) -> Float:
         result: Float = kernels.oriented_sums(
-            padded,
-            inside,
-            self.margin,
+            board.picture,
+            board.counts,
+            board.margin,
             self.along_steps,
             self.along_weights,
             self.across_steps,
@@ -201,13 +191,68 @@ class Passes:
             across,
             self.shift,
             RESPONSES[options.response],
-            grid.rows,
-            grid.columns,
-            *grid.shape,
-            grid.first[0] if options.every > 1 else 0,
+            board.grid.rows,
+            board.columns,
+            *board.grid.shape,
+            board.grid.first[0] if options.every > 1 else 0,
             options.every,
         )
         return result
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Board:
+    """The box of a picture as the compiled loop takes it, made once for all orientations.
+
+    Attributes:
+        picture: (bh + 2 margin, bw + 2 margin and more) float32, zeros around the picture.
+        counts: (bh, W) float32, 1 where answers count; W = bw made a multiple of `LANES`.
+        columns: (W,) int32 cell columns, negative beyond the box.
+        grid: which cell each pixel of the box falls into.
+        margin: pixels around the box.
+    """
+
+    picture: Float32
+    counts: Float32
+    columns: NDArray[np.int32]
+    grid: Grid
+    margin: int
+
+    @classmethod
+    def of(
+        cls,
+        picture: Float32,
+        mask: NDArray[np.bool_],
+        box: tuple[int, int, int, int],
+        grid: Grid,
+        margin: int,
+    ) -> Board:
+        """The half-open `box` of a picture and its mask."""
+        x0, y0, x1, y1 = box
+        h, w = y1 - y0, x1 - x0
+        wide = -(-w // LANES) * LANES
+        counts = np.zeros((h, wide), np.float32)
+        counts[:, :w] = mask[y0:y1, x0:x1]
+        columns = np.full(wide, -1, np.int32)
+        columns[:w] = grid.columns
+        around = surrounded(picture, box, margin, beyond=wide - w + LANES)
+        return cls(around, counts, columns, grid, margin)
+
+
+def boards(
+    picture: Float32,
+    mask: NDArray[np.bool_],
+    box: tuple[int, int, int, int],
+    grid: Grid,
+    margin: int,
+) -> tuple[Board, Board]:
+    """A picture's board and that of the transposed picture."""
+    x0, y0, x1, y1 = box
+    turned = (y0, x0, y1, x1)
+    return (
+        Board.of(picture, mask, box, grid, margin),
+        Board.of(picture.T, mask.T, turned, grid.turned(), margin),
+    )
 
 
 def filtered_sums(
@@ -240,11 +285,13 @@ def filtered_sums(
     return [cell_sums(rectified(a, options.response) * inside, grid) for a in waves]
 
 
-def surrounded(picture: Float32, box: tuple[int, int, int, int], margin: int) -> Float32:
-    """The box of a picture and `margin` pixels around it; zeros outside the picture."""
+def surrounded(
+    picture: Float32, box: tuple[int, int, int, int], margin: int, *, beyond: int = 0
+) -> Float32:
+    """The box of a picture and `margin` pixels around it, `beyond` more on the right; else 0."""
     x0, y0, x1, y1 = box
     h, w = picture.shape
-    result = np.zeros((y1 - y0 + 2 * margin, x1 - x0 + 2 * margin), np.float32)
+    result = np.zeros((y1 - y0 + 2 * margin, x1 - x0 + 2 * margin + beyond), np.float32)
     top, left = max(0, y0 - margin), max(0, x0 - margin)
     cut = picture[top : min(h, y1 + margin), left : min(w, x1 + margin)]
     j, i = top - (y0 - margin), left - (x0 - margin)
@@ -280,16 +327,11 @@ def relief(area: Foreground, kind: str) -> Float32:
     Subtracting median, plane or quadric (least squares over the foreground, in pixel coordinates)
     takes the cloth's place and slope out of the picture, so that the wrinkles are what is left.
     """
-    x0, y0, x1, y1 = area.box
-    depth = area.depth[y0:y1, x0:x1]
-    mask = area.mask[y0:y1, x0:x1]
-    result = np.zeros(area.depth.shape, np.float32)
     if kind == "median":
-        base = np.float32(np.median(depth[mask]))
-        result[y0:y1, x0:x1] = np.where(mask, np.float32(1000.0) * (depth - base), 0.0)
-        return result
-    result[y0:y1, x0:x1] = kernels.detrended(depth, mask, 1 if kind == "plane" else 2)
-    return result
+        base = np.float32(np.median(area.depth[area.mask]))
+        flat = np.where(area.mask, np.float32(1000.0) * (area.depth - base), 0.0)
+        return flat.astype(np.float32)
+    return kernels.detrended(area.depth, area.mask, 1 if kind == "plane" else 2, area.box)
 
 
 def _picture(channel: str, area: Foreground, frame: RgbdFrame, options: HowOptions) -> Float32:

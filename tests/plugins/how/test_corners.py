@@ -205,7 +205,7 @@ def test_compiled_touches_and_tip_equal_plain_python():
     start = rng.random(3).astype(np.float32)
     size = np.array([0, 24, 6], np.int32)
 
-    got, boxes = touches(label, size, mask, depth, measured, rays, start, 0.05)
+    got, boxes = touches(label, size, mask, depth, measured, rays, start, 0.05, (2, 2, 9, 11))
 
     want = np.zeros((3, 8))
     for y, x in np.argwhere(label > 0):

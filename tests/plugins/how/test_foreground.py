@@ -217,7 +217,9 @@ def test_the_compiled_surfaces_equal_a_flood_fill():
     z = (0.5 + 0.02 * rng.integers(0, 3, (h, w))).astype(np.float32)
     state = (rng.random((h, w)) < 0.8).astype(np.uint8)
 
-    label, area = surface_kernels.surfaces(z, state, 0.03, kernels.CANDIDATE)
+    label, area = surface_kernels.surfaces(
+        z, state, 0.03, kernels.CANDIDATE, kernels.reach(state, kernels.CANDIDATE)
+    )
 
     want = np.zeros((h, w), int)
     number = 0
@@ -290,10 +292,20 @@ def test_meeting_pieces_are_counted():
     z = np.where(label == 2, 0.3, 0.5).astype(np.float32)
     area = np.bincount(label.ravel()).astype(np.int32)
 
-    count = surface_kernels.apart(label, area, z, 1, 1, 0.1)
+    count = surface_kernels.apart(label, area, z, 1, 1, 0.1, (0, 0, *label.shape[::-1]))
 
     # Both pixels of piece 2 are within four of piece 1 and 0.2 m before it; piece 3 is too far.
     assert count.tolist() == [[0, 0], [0, 0], [2, 2], [0, 0]]
+
+
+def test_the_reach_of_a_state_is_its_bounding_box():
+    state = np.zeros((7, 9), np.uint8)
+
+    assert kernels.reach(state, 2) == (0, 0, 0, 0)
+    state[2, 5] = state[4, 1] = 2
+
+    assert kernels.reach(state, 2) == (1, 2, 6, 5)
+    assert kernels.reach(state, 0) == (0, 0, 9, 7)
 
 
 def test_odd_colours_are_marked_unless_the_cloth_is_of_many():
@@ -304,10 +316,10 @@ def test_odd_colours_are_marked_unless_the_cloth_is_of_many():
     many = rng.integers(40, 255, (40, 40, 3)).astype(np.uint8)
     untouched = state.copy()
 
-    count = kernels.odd_colours(state, rgb, 1, 0.08)
+    count = kernels.odd_colours(state, rgb, 1, 0.08, (0, 0, 40, 40))
 
     assert count == 400
     assert (state[:10] == kernels.ODD).all()
     assert (state[10:] == kernels.CANDIDATE).all()
-    assert kernels.odd_colours(untouched, many, 1, 0.02) == 0
+    assert kernels.odd_colours(untouched, many, 1, 0.02, (0, 0, 40, 40)) == 0
     assert (untouched == kernels.CANDIDATE).all()

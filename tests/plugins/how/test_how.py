@@ -6,7 +6,7 @@ import pytest
 from clothrf_how.config import FeatureOptions, ForegroundOptions, HowOptions
 from clothrf_how.extractor import Extractor
 from clothrf_how.gabor import factors
-from clothrf_how.how import Grid, How, Passes, cell_sums, how_names, rectified, relief
+from clothrf_how.how import Grid, How, Passes, boards, cell_sums, how_names, rectified, relief
 from clothrf_how.how_kernels import detrended
 
 
@@ -61,7 +61,8 @@ def test_the_compiled_passes_equal_filter2d(response, orientation):
     quarter = factors(options, psi=np.pi / 2)[orientation]
 
     options = HowOptions(response=response, every=1)
-    got = Passes.of(wave, quarter).sums(picture, mask, box, grid, options)
+    passes = Passes.of(wave, quarter)
+    got = passes.sums(*boards(picture, mask, box, grid, passes.margin), options)
 
     def answer(factor):
         return cv2.filter2D(
@@ -100,7 +101,7 @@ def test_the_compiled_relief_equals_least_squares(degree):
         np.float32
     )
 
-    got = detrended(depth, mask, degree)
+    got = detrended(depth, mask, degree, (0, 0, *mask.shape[::-1]))
 
     u, v = x[mask] / w - 0.5, y[mask] / h - 0.5
     basis = [np.ones_like(u), u, v] + ([u * u, u * v, v * v] if degree == 2 else [])

@@ -70,7 +70,7 @@ def test_compiled_points_equal_numpy():
     rays = rng.random((3, 6, 7)).astype(np.float32)
     start = rng.random(3).astype(np.float32)
 
-    got = placed(depth, mask, rays, start)
+    got = placed(depth, mask, rays, start, (0, 0, *mask.shape[::-1]))
 
     np.testing.assert_allclose(got, (start[:, None, None] + depth * rays) * mask, atol=1e-6)
 
