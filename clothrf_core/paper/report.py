@@ -42,6 +42,7 @@ def write_report(space: Workspace, found: Mapping[str, Any], made: Sequence[Figu
     for folder in ("tables", "plots"):
         (out / folder).mkdir(exist_ok=True)
     parts = page(space.study, found, made, results.seconds(space, found["missing"]))
+    atomic_write(out / "tables" / "long.csv", csv_bytes(tables.long(found)))
     about = heading(space)
     markdown, page_parts = [f"# {about[0]}", about[1]], [_head(about)]
     for part in parts:

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from clothrf_core.paper.figures import pm
-from clothrf_core.paper.results import chosen
+from clothrf_core.paper.results import MEASURES, chosen
 from clothrf_core.paper.study import Study
 
 Rows = Mapping[str, Any]
@@ -27,6 +27,20 @@ def errors(study: Study, found: Rows, measure: str, digits: int) -> Table:
         )
     for name in found["missing"]:
         lines.append([study.controllers[name].title, *(["not installed"] * len(shares))])
+    return lines
+
+
+def long(found: Rows) -> Table:
+    """Everything about the table, for a spreadsheet: a row a controller, share, task, measure."""
+    lines = [["controller", "share", "samples", "task", "measure", "mean", "ci95", "seeds"]]
+    for row in found["table"]:
+        for task, numbers in {"all": row, **row["tasks"]}.items():
+            for measure in MEASURES:
+                of = numbers[measure]
+                half = "" if of["half"] is None else f"{of['half']:.6g}"
+                start = [row["controller"], f"{row['share']:g}", f"{row['samples']['mean']:g}"]
+                rest = [task, measure, f"{of['mean']:.6g}", half, str(len(of["each"]))]
+                lines.append(start + rest)
     return lines
 
 

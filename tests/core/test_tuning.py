@@ -8,6 +8,7 @@ import pytest
 
 from clothrf_core import config
 from clothrf_core.errors import ConfigError
+from clothrf_core.locations import shipped
 from clothrf_core.provider import Setting
 from clothrf_core.registry import Registry
 from clothrf_core.sections import TuneSection
@@ -124,6 +125,14 @@ def test_shipped_policies_declare_what_is_worth_trying(name):
     for option, values in grid.items():
         for value in values:
             model.model_validate({option: value})
+
+
+def test_the_shipped_search_is_one():
+    registry = Registry.installed()
+    resolved = config.load(shipped("tune_three_tasks.toml"), registry)
+    tried = combinations(resolved, registry, resolved.experiment.tune)
+    assert len(tried) == 27
+    assert {"min_impurity_decrease", "leaf_penalty", "min_samples_leaf"} <= set(tried[1])
 
 
 def test_the_command_prints_the_search(toy, experiment, tmp_path, monkeypatch, capsys):
