@@ -17,9 +17,9 @@ from clothrf_core.dataset import Dataset, read_rollout
 from clothrf_core.errors import FeatureMismatch
 from clothrf_core.expert_data import expert_jobs
 from clothrf_core.files import atomic_write
-from clothrf_core.paper.cells import File
 from clothrf_core.paper.study import SizeSection, Study
 from clothrf_core.registry import Registry
+from clothrf_core.rollout import RolloutJob
 from clothrf_core.types import DatasetView
 
 # A thousand seeds for every purpose: nothing is judged on what it was taught or chosen on.
@@ -74,10 +74,10 @@ def layout(path: Path) -> tuple[tuple[str, ...], tuple[str, ...]]:
     return compose.extractor(resolved, registry).names, resolved.task_names
 
 
-def training(space: Workspace, name: str, repeat: int, rollouts: int, cost: float) -> list[File]:
-    """Roll-outs to learn from; `cost` is rough seconds a sample."""
+def training(space: Workspace, name: str, repeat: int, rollouts: int) -> list[RolloutJob]:
+    """Roll-outs to learn from."""
     study, size = space.study, space.size
-    jobs = expert_jobs(
+    return expert_jobs(
         space.experiment(name, {}),
         space.dataset(name, repeat),
         seed=seed_of("train", repeat),
@@ -88,15 +88,14 @@ def training(space: Workspace, name: str, repeat: int, rollouts: int, cost: floa
         disturbance=study.disturbance,
         from_rest=study.from_rest,
     )
-    return [File(job, job.out, cost * job.steps) for job in jobs]
 
 
 def testing(
-    space: Workspace, name: str, repeat: int, rollouts: int, cost: float, *, purpose: str
-) -> list[File]:
+    space: Workspace, name: str, repeat: int, rollouts: int, *, purpose: str
+) -> list[RolloutJob]:
     """Roll-outs to be judged on, samples farther apart in time."""
     study, size = space.study, space.size
-    jobs = expert_jobs(
+    return expert_jobs(
         space.experiment(name, {}),
         space.dataset(name, repeat),
         seed=seed_of(purpose, repeat),
@@ -107,7 +106,6 @@ def testing(
         disturbance=study.disturbance,
         from_rest=study.from_rest,
     )
-    return [File(job, job.out, cost * job.steps) for job in jobs]
 
 
 @functools.lru_cache(maxsize=1)

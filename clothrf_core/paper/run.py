@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +13,7 @@ from clothrf_core.errors import ConfigError
 from clothrf_core.files import atomic_write, json_bytes, read_json, sha256
 from clothrf_core.locations import shipped
 from clothrf_core.paper import results, stages
-from clothrf_core.paper.cells import do
+from clothrf_core.paper.cells import Work, do
 from clothrf_core.paper.data import Workspace
 from clothrf_core.paper.figures import figures
 from clothrf_core.paper.report import write_report
@@ -47,8 +47,11 @@ def study(setting: Setting, path: Path, out: Path, *, workers: int = 0) -> list[
     space = opened(setting, path, out)
     missing = stages.prepared(space)
     section = CollectionSection(engine="processes", workers=workers or len(os.sched_getaffinity(0)))
-    parts = [stages.rollouts(space), stages.learning(space, missing)]
-    parts.append(stages.closed_loops(space, missing))
+    parts: list[Sequence[Work]] = [
+        stages.rollouts(space),
+        stages.learning(space, missing),
+        stages.closed_loops(space, missing),
+    ]
     setting.plan(sum(one.seconds for part in parts for one in part))
     runner = engine(section)
     try:

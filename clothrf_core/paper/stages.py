@@ -18,8 +18,9 @@ from clothrf_core.paper.data import Workspace, seed_of
 from clothrf_core.paper.fitting import FitJob, section
 from clothrf_core.paper.live import DaggerJob
 from clothrf_core.paper.strange import StrangeJob
-from clothrf_core.paper.study import Condition, conditions
+from clothrf_core.paper.study import Condition, RegimeSection, conditions
 from clothrf_core.provider import BuildContext
+from clothrf_core.rollout import RolloutJob
 
 # Rough seconds on one core, so that the time left is worth reading.
 SAMPLE_S, ROW_FIT_S, EPISODE_STEP_S = 0.02, 1.2e-3, 0.008
@@ -53,36 +54,32 @@ def prepared(space: Workspace) -> dict[str, str]:
     return missing
 
 
-def rollouts(space: Workspace) -> list[Work]:
+def rollouts(space: Workspace) -> list[File]:
     """Everything that has to be simulated before anything can be learnt."""
     study, size = space.study, space.size
-    work: list[Work] = []
+    jobs: list[RolloutJob] = []
+    odd: list[File] = []
     for repeat in range(size.seeds):
         for name, regime in study.regimes.items():
-            count = max(5, round(regime.share * size.rollouts))
-            work += data.training(space, name, repeat, count, SAMPLE_S)
-        work += data.testing(space, TEST, repeat, size.test_rollouts, SAMPLE_S, purpose="test")
+            jobs += data.training(space, name, repeat, shared(space, regime))
+        jobs += data.testing(space, TEST, repeat, size.test_rollouts, purpose="test")
         for condition in conditions(study, quick=space.quick):
-            work += data.testing(
-                space,
-                condition.name,
-                repeat,
-                size.condition_rollouts,
-                SAMPLE_S,
-                purpose="condition",
-            )
-        for name, odd in study.strange.items():
+            count = size.condition_rollouts
+            jobs += data.testing(space, condition.name, repeat, count, purpose="condition")
+        for name, kind in study.strange.items():
             count = max(1, size.strange // size.test_steps)
-            files = data.testing(
-                space, f"strange_{name}", repeat, count, SAMPLE_S, purpose="strange"
-            )
-            work += [dataclasses.replace(f, job=StrangeJob(f.job, odd.scene)) for f in files]  # type: ignore[arg-type]
-    return sorted(work, key=_place)
+            odd += [
+                File(StrangeJob(job, kind.scene), job.out, SAMPLE_S * job.steps)
+                for job in data.testing(space, f"strange_{name}", repeat, count, purpose="strange")
+            ]
+    work = [*odd, *(File(job, job.out, SAMPLE_S * job.steps) for job in jobs)]
+    # Those of one experiment together: a worker builds its simulator once.
+    return sorted(work, key=lambda one: Path(one.out).parents[2])
 
 
-def _place(work: Work) -> str:
-    """Roll-outs of one experiment together: a worker builds its simulator once."""
-    return str(Path(work.out).parent.parent.parent) if isinstance(work, File) else work.out
+def shared(space: Workspace, regime: RegimeSection) -> int:
+    """Training roll-outs of a regime."""
+    return max(5, round(regime.share * space.size.rollouts))
 
 
 def learning(space: Workspace, missing: dict[str, str]) -> list[Work]:
@@ -97,7 +94,7 @@ def tables(space: Workspace, missing: dict[str, str], repeat: int) -> Iterator[C
     """Every controller at every share of the table's data, and hard ones on the other regimes."""
     study, size = space.study, space.size
     for name, regime in study.regimes.items():
-        count = max(5, round(regime.share * size.rollouts))
+        count = shared(space, regime)
         table = name == study.roles.table
         wanted = list(study.controllers) if table else regime.only or study.hard()
         for controller in wanted:
@@ -201,6 +198,7 @@ def daggers(space: Workspace) -> Iterator[Cell]:
         for name in dagger_names(space):
             kind = study.dagger[name]
             change: dict[str, Any] = {
+                "policy": study.controllers[study.roles.forest].policy,
                 **kind.change,
                 "run.seed": seed_of("train", repeat),
                 "training.iterations": size.iterations,
