@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from clothrf_core.hookspecs import hookimpl
@@ -33,46 +34,26 @@ def clothrf_robots() -> list[Provider[Robot]]:
     ]
 
 
-def _bridge() -> typer.Typer:
-    from clothrf_zenoh.cli import bridge_app
+def _command(name: str) -> Callable[[], typer.Typer]:
+    def load() -> typer.Typer:
+        from clothrf_zenoh.cli import app_of
 
-    return bridge_app()
+        return app_of(name)
 
-
-def _replay() -> typer.Typer:
-    from clothrf_zenoh.cli import replay_app
-
-    return replay_app()
-
-
-def _record() -> typer.Typer:
-    from clothrf_zenoh.cli import record_app
-
-    return record_app()
-
-
-def _estop() -> typer.Typer:
-    from clothrf_zenoh.cli import estop_app
-
-    return estop_app()
-
-
-def _draw() -> typer.Typer:
-    from clothrf_zenoh.cli import draw_app
-
-    return draw_app()
+    return load
 
 
 @hookimpl
 def clothrf_commands() -> list[Command]:
     """bridge, replay, record, draw, estop."""
-    return [
-        Command("bridge", "Run the robot-side process: checks, watchdog, arms.", _bridge),
-        Command("replay", "Play a recording into a running bridge.", _replay),
-        Command("record", "Record the stream as an MCAP file.", _record),
-        Command("draw", "Draw the arms of a recording as a film.", _draw),
-        Command("estop", "Stop the arms; acknowledged, not safety rated.", _estop),
-    ]
+    helps = {
+        "bridge": "Run the robot-side process: checks, watchdog, arms.",
+        "replay": "Play a recording into a running bridge.",
+        "record": "Record the stream as an MCAP file.",
+        "draw": "Draw the arms of a recording as a film.",
+        "estop": "Stop the arms; acknowledged, not safety rated.",
+    }
+    return [Command(name, text, _command(name)) for name, text in helps.items()]
 
 
 def _tick(quick: bool) -> list[Figure]:  # noqa: FBT001  the hook's signature

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from clothrf_core.clock import WallClock
+from clothrf_core.errors import ClothrfError
 from clothrf_core.interfaces import ArmModel
 from clothrf_core.provider import Figure
 from clothrf_core.registry import Registry
@@ -26,6 +27,7 @@ from clothrf_zenoh.checks import Instant
 from clothrf_zenoh.client import BridgeClient
 from clothrf_zenoh.compose import bounds_of, choose
 from clothrf_zenoh.config import LimitsSection, YumiZenohConfig, ZenohSection
+from clothrf_zenoh.faults import BridgeRefused
 from clothrf_zenoh.messages import JointTrajectoryCodec, epoch_frame
 from clothrf_zenoh.pace import Pace, be_punctual, wall_ns
 from clothrf_zenoh.process import BridgeProcess, egm_simulation
@@ -36,6 +38,7 @@ DT = 0.004
 DT_NS = 4_000_000
 GID = bytes(range(16))
 ARM: Mapping[str, Any] = {"plugin": "yumi", "profile": "normal"}
+MOST_DISTURBED = 12
 # Axes 1 and 6 of both arms, in chain order: a shoulder and a wrist at their full profile speed.
 SWUNG = (0, 6, 7, 13)
 WIDE: Mapping[str, Any] = {
@@ -99,7 +102,8 @@ def stream(*, quick: bool) -> list[Figure]:
 
     Sender, bridge and controllers are processes. Lost and reordered messages are counted by the
     bridge from the sequence numbers. The watchdog is slack here, so that a busy machine delays
-    messages without ending the measurement.
+    messages without ending the measurement; `interruptions` counts how often the arms had to be
+    asked for again all the same.
     """
     seconds = 4.0 if quick else 120.0
     port = _free_port()
@@ -119,8 +123,11 @@ def stream(*, quick: bool) -> list[Figure]:
     with far, controllers as counters, StreamedYumi(config, folder=here) as robot:
         rest = robot.state().positions
         begun = time.monotonic()
-        number = 0
+        number = interruptions = 0
         while (passed := time.monotonic() - begun) < seconds:
+            if robot.status()["stream"] != "streaming":
+                interruptions += 1
+                _arm_again(robot)
             angle = 2.0 * np.pi * 0.2 * passed
             circle = 0.03 * np.array([0.0, np.sin(angle), np.cos(angle) - 1.0])
             robot.send(RobotCommand(number, time.monotonic_ns(), 1.0, rest + circle))
@@ -132,11 +139,25 @@ def stream(*, quick: bool) -> list[Figure]:
     detail = {
         "sent": status["sent"],
         "seconds": seconds,
+        "interruptions": interruptions,
         "sender_lateness_p99_us": status["lateness_p99_us"],
         **{k: v for k, v in counted.items() if k not in ("reason", "last_refusal", "state")},
         **{f"controllers_{name}": value for name, value in counters.items()},
     }
     return [Figure("stream_lost", lost, "messages", detail)]
+
+
+def _arm_again(robot: StreamedYumi, patience_s: float = 10.0) -> None:
+    """Ask until the arms are granted: a stop may still be under way."""
+    deadline = time.monotonic() + patience_s
+    while True:
+        try:
+            robot.arm()
+            return
+        except BridgeRefused:
+            if time.monotonic() > deadline:
+                raise
+            time.sleep(0.1)
 
 
 def _controllers() -> tuple[dict[str, Any], contextlib.AbstractContextManager[dict[str, Any]]]:
@@ -154,18 +175,36 @@ def watchdog(*, quick: bool) -> list[Figure]:
 
     The joints run at the full speed of the normal profile, half of the robot's. Detection counts
     from the cut to the bridge's own stamp of HOLD, the stop from there to the stamp of standstill.
+    On a busy machine the bridge may stop a swing before it is cut; that one is `disturbed` and made
+    again.
     """
     detections: dict[str, list[float]] = {"killed": [], "stopped": [], "cut": []}
     stops: dict[str, list[float]] = {"killed": [], "stopped": [], "cut": []}
+    disturbed: list[str] = []
     with BridgeProcess(_bridge(port := _free_port(), WIDE), folder=Path()):
         for way in [*detections] * (1 if quick else 4):
-            detected, stopped = _cut(port, way)
+            while True:
+                try:
+                    detected, stopped = _cut(port, way)
+                    break
+                except _Disturbed as error:
+                    disturbed.append(str(error))
+                    if len(disturbed) > MOST_DISTURBED:
+                        raise
             detections[way].append(detected)
             stops[way].append(stopped)
+    times = {"disturbed": len(disturbed)}
     return [
-        Figure("watchdog_detect_ms_max", max(map(max, detections.values())), "ms", detections),
-        Figure("watchdog_stop_ms_max", max(map(max, stops.values())), "ms", stops),
+        Figure(name, max(map(max, found.values())), "ms", {**found, **times})
+        for name, found in (
+            ("watchdog_detect_ms_max", detections),
+            ("watchdog_stop_ms_max", stops),
+        )
     ]
+
+
+class _Disturbed(ClothrfError):
+    """A swing that ended before it was cut."""
 
 
 def _cut(port: int, way: str) -> tuple[float, float]:
@@ -194,9 +233,9 @@ def _cut(port: int, way: str) -> tuple[float, float]:
                 if abs(eye.joints.velocities[SWUNG[0]]) >= fast:
                     break
                 if eye.status.get("state") == "HOLD":
-                    raise RuntimeError(f"the swing was stopped: {eye.status}")
+                    raise _Disturbed(f"expected a swing, found HOLD: {eye.status['reason']}")
             if time.monotonic() > deadline:
-                raise RuntimeError(f"the arms did not reach full speed: {eye.status}")
+                raise _Disturbed(f"expected full speed, found none: {dict(eye.status)}")
             time.sleep(0.0005)
         assert sender.pid is not None
         victim = relay[1].pid if relay else sender.pid
@@ -218,7 +257,7 @@ def _stamp_of(eye: BridgeClient, reached: Any, timeout_s: float = 5.0) -> int:
             if reached(status):
                 return stamp_ns
         time.sleep(0.0005)
-    raise RuntimeError(f"expected news from the bridge, found {dict(eye.status)}")
+    raise _Disturbed(f"expected the bridge's news of the cut, found {dict(eye.status)}")
 
 
 def _swing(port: int, seconds: float) -> None:

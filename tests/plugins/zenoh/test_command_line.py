@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from clothrf_zenoh.cli import bridge_app, replay_app
+from clothrf_zenoh.cli import app_of
 from clothrf_zenoh.compose import bounds_of, build_arm, load_bridge, resolve_bridge
 from clothrf_zenoh.config import LimitsSection
 from clothrf_zenoh.faults import UnsafeExposure
@@ -100,7 +100,7 @@ def test_check_opens_nothing_and_says_what_it_found(tmp_path):
     pytest.importorskip("pinocchio")
     path = write(tmp_path, "127.0.0.1:1")
 
-    result = CliRunner().invoke(bridge_app(), [str(path), "--check"])
+    result = CliRunner().invoke(app_of("bridge"), [str(path), "--check"])
 
     assert result.output.strip() == (
         f"{path}: good; arm yumi, end sim, tcp/127.0.0.1:1 (this machine only), 14 joints"
@@ -111,7 +111,7 @@ def test_check_refuses_an_open_address(tmp_path):
     pytest.importorskip("pinocchio")
     path = write(tmp_path, "0.0.0.0:7447")
 
-    result = CliRunner().invoke(bridge_app(), [str(path), "--check"])
+    result = CliRunner().invoke(app_of("bridge"), [str(path), "--check"])
 
     assert isinstance(result.exception, UnsafeExposure)
     assert "insecure = true" in str(result.exception)
@@ -121,7 +121,9 @@ def test_a_replay_without_a_recording_is_an_error_of_one_line(tmp_path):
     pytest.importorskip("pinocchio")
     path = write(tmp_path, "127.0.0.1:1")
 
-    result = CliRunner().invoke(replay_app(), [str(tmp_path / "no.mcap"), "--bridge", str(path)])
+    result = CliRunner().invoke(
+        app_of("replay"), [str(tmp_path / "no.mcap"), "--bridge", str(path)]
+    )
 
     assert "expected a recording, found no file" in str(result.exception)
 

@@ -48,18 +48,20 @@ def sees_state(client, timeout_s=3.0):
 
 @pytest.fixture(scope="module")
 def guarded(tmp_path_factory):
-    """A bridge with passwords: boss commands, guest looks."""
+    """A bridge with passwords: boss commands, watch stops and clears, guest looks."""
     folder = tmp_path_factory.mktemp("users")
-    for name in ("boss", "guest"):
+    names = ("boss", "watch", "guest")
+    for name in names:
         (folder / name).write_text(f"{name}-password\n")
     (folder / "wrong").write_text("guess\n")
-    (folder / "users").write_text("boss:boss-password\nguest:guest-password\n")
+    (folder / "users").write_text("".join(f"{name}:{name}-password\n" for name in names))
     port = free_port()
     tables = bridge_tables(port)
     tables["zenoh"] |= {
         "user": {"name": "boss", "password_file": "boss", "dictionary": "users"},
         "access": [
             {"role": "controller", "users": ["boss"]},
+            {"role": "operator", "users": ["watch"]},
             {"role": "viewer", "users": ["guest"]},
         ],
     }
@@ -89,16 +91,63 @@ def test_a_viewer_may_read_but_neither_arm_nor_stop_nor_command(guarded):
 
     with visitor(section("guest", "guest"), folder) as client:
         assert sees_state(client)
-        before = client.ask("status").status
-        for verb in ("arm", "estop", "clear"):
-            with pytest.raises(BridgeUnreachable, match="may this user ask it"):
-                client.ask(verb, timeout_s=0.5)
-        client.send(np.zeros(14), np.zeros(14))
+        may_not_ask(client, "arm", "renew", "release", "estop", "clear")
+        commands_do_not_arrive(client)
+        client._session.put(client._keys.request("estop"), b"")
         time.sleep(0.1)
-        after = client.ask("status").status
+        assert client.ask("status").state != "ESTOP"
 
-    refusals = [{k: v for k, v in s.items() if k.startswith("refused")} for s in (before, after)]
-    assert refusals[0] == refusals[1]
+
+def may_not_ask(client, *verbs):
+    for verb in verbs:
+        with pytest.raises(BridgeUnreachable, match="may this user ask it"):
+            client.ask(verb, timeout_s=0.3)
+
+
+def refusals(client):
+    return {k: v for k, v in client.ask("status").status.items() if k.startswith("refused")}
+
+
+def commands_do_not_arrive(client):
+    """Not even to be refused: the bridge's counters do not move."""
+    before = refusals(client)
+    for _ in range(5):
+        client.send(np.zeros(14), np.zeros(14))
+    time.sleep(0.1)
+    assert refusals(client) == before
+
+
+def test_an_operator_may_read_stop_and_clear_but_neither_arm_nor_command(guarded):
+    folder, section = guarded
+
+    with visitor(section("watch", "watch"), folder) as client:
+        assert sees_state(client)
+        may_not_ask(client, "arm", "renew", "release")
+        commands_do_not_arrive(client)
+        assert client.emergency_stop("the operator").state == "ESTOP"
+        until(lambda: client.poll() is None or client.status.get("state") == "ESTOP", what="ESTOP")
+        client.ask("clear")
+        client._session.put(client._keys.request("estop"), b"")
+        until(lambda: client.poll() is None or client.status.get("state") == "ESTOP", what="ESTOP")
+        assert client.ask("clear").state == "IDLE"
+
+
+def test_an_operators_stop_takes_the_arms_from_a_controller(guarded):
+    folder, section = guarded
+
+    with (
+        visitor(section("boss", "boss"), folder) as boss,
+        visitor(section("watch", "watch"), folder) as watch,
+    ):
+        assert sees_state(boss)
+        boss.arm(2.0)
+        watch.wait_for_link(5.0)
+        watch.emergency_stop("the operator")
+        before = refusals(boss)
+        boss.send(np.zeros(14), np.zeros(14))
+        until(lambda: refusals(boss) != before, what="the refusal of a command after the stop")
+        assert boss.ask("status").state == "ESTOP"
+        watch.ask("clear")
 
 
 @pytest.mark.parametrize("user", [UserSection(name="boss", password_file="wrong"), None])
