@@ -14,7 +14,7 @@ import numpy as np
 
 from clothrf_core import compose, config
 from clothrf_core.dataset import Dataset, read_rollout
-from clothrf_core.errors import FeatureMismatch
+from clothrf_core.errors import ConfigError, FeatureMismatch
 from clothrf_core.expert_data import expert_jobs
 from clothrf_core.files import atomic_write
 from clothrf_core.paper.study import SizeSection, Study
@@ -51,18 +51,31 @@ class Workspace:
     registry: Registry
     quick: bool
 
-    def experiment(self, name: str, change: Mapping[str, Any]) -> Path:
-        """The file of the resolved experiment `name`, written if it is not there."""
-        path = self.out / "experiments" / f"{name}.toml"
-        if not path.exists():
-            resolved = config.load(self.base, self.registry, copy.deepcopy(dict(change)))
-            path.parent.mkdir(parents=True, exist_ok=True)
-            atomic_write(path, resolved.text.encode())
+    def experiment(self, name: str) -> Path:
+        """The file of the resolved experiment `name`."""
+        return self.out / "experiments" / f"{name}.toml"
+
+    def prepare(self, name: str, change: Mapping[str, Any]) -> Path:
+        """Write the experiment `name`, a change of the base, or see that it is still the same.
+
+        Raises:
+            ConfigError: it is not, because some default of a plugin has changed since.
+        """
+        path = self.experiment(name)
+        resolved = config.load(self.base, self.registry, copy.deepcopy(dict(change)))
+        text = resolved.text.encode()
+        if path.exists() and path.read_bytes() != text:
+            raise ConfigError(
+                f"{path}: was resolved otherwise when the study began; some default has changed "
+                "since. Choose another folder with --out"
+            )
+        path.parent.mkdir(parents=True, exist_ok=True)
+        atomic_write(path, text)
         return path
 
     def dataset(self, name: str, repeat: int) -> Dataset:
         """The data set `name` of one repetition; made if it is not there."""
-        names, tasks = layout(self.experiment(name, {}))
+        names, tasks = layout(self.experiment(name))
         return Dataset.create(self.out / "data" / name / f"seed_{repeat}", names, tasks)
 
 
@@ -78,7 +91,7 @@ def training(space: Workspace, name: str, repeat: int, rollouts: int) -> list[Ro
     """Roll-outs to learn from."""
     study, size = space.study, space.size
     return expert_jobs(
-        space.experiment(name, {}),
+        space.experiment(name),
         space.dataset(name, repeat),
         seed=seed_of("train", repeat),
         kind="iteration",
@@ -96,7 +109,7 @@ def testing(
     """Roll-outs to be judged on, samples farther apart in time."""
     study, size = space.study, space.size
     return expert_jobs(
-        space.experiment(name, {}),
+        space.experiment(name),
         space.dataset(name, repeat),
         seed=seed_of(purpose, repeat),
         kind="heldout",

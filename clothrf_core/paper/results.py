@@ -125,7 +125,7 @@ def dagger(space: Workspace, name: str) -> dict[str, Any]:
 
 def live(space: Workspace, missing: Mapping[str, str]) -> Iterable[dict[str, Any]]:
     """One row a controller and task of the closed loop; a seed's value is the mean of episodes."""
-    tasks = data.layout(space.experiment(stages.LIVE, {}))[1]
+    tasks = data.layout(space.experiment(stages.LIVE))[1]
     asked = [*tasks, "sequence"] if len(tasks) > 1 else list(tasks)
     for controller in stages.live_policies(space, dict(missing), 0):
         for task in asked:

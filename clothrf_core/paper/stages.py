@@ -33,14 +33,14 @@ def prepared(space: Workspace) -> dict[str, str]:
     Done once, by one process, before the workers start.
     """
     study = space.study
-    space.experiment(TEST, study.regimes[study.roles.table].change)
+    space.prepare(TEST, study.regimes[study.roles.table].change)
     for name, regime in study.regimes.items():
-        space.experiment(name, regime.change)
+        space.prepare(name, regime.change)
     for condition in conditions(study, quick=space.quick):
-        space.experiment(condition.name, condition.change)
+        space.prepare(condition.name, condition.change)
     for name, odd in study.strange.items():
-        space.experiment(f"strange_{name}", odd.change)
-    space.experiment(LIVE, study.live)
+        space.prepare(f"strange_{name}", odd.change)
+    space.prepare(LIVE, study.live)
     missing = {}
     for name, controller in study.controllers.items():
         options = dict(controller.policy)
@@ -120,7 +120,7 @@ def fit(
     )
     job = FitJob(
         label=f"{controller}, {share:.0%} of {regime} (seed {repeat})",
-        config=str(space.experiment(regime, {})),
+        config=str(space.experiment(regime)),
         policy=section(chosen.policy),
         columns=tuple(chosen.columns),
         train=str(space.dataset(regime, repeat).folder),
@@ -142,7 +142,7 @@ def fit_path(space: Workspace, regime: str, controller: str, share: float, repea
 
 def _fits(space: Workspace, condition: Condition, beginnings: list[str]) -> bool:
     """Whether the pictures of a condition have the features that a controller reads."""
-    names = data.layout(space.experiment(condition.name, {}))[0]
+    names = data.layout(space.experiment(condition.name))[0]
     return all(any(n.startswith(b) for n in names) for b in beginnings)
 
 
@@ -166,7 +166,7 @@ def single_tasks(space: Workspace, repeat: int) -> Iterator[Cell]:
         for task in dataset.tasks:
             job = FitJob(
                 label=f"{task} alone, {'its own' if own else 'all'} states (seed {repeat})",
-                config=str(space.experiment(regime, {})),
+                config=str(space.experiment(regime)),
                 policy=section(controller.policy),
                 columns=tuple(controller.columns),
                 train=str(dataset.folder),
@@ -212,7 +212,7 @@ def daggers(space: Workspace) -> Iterator[Cell]:
                 "evaluation.disturbance": study.disturbance,
                 "collection.engine": "sequential",
             }
-            path = space.experiment(f"dagger_{name}_{repeat}", change)
+            path = space.prepare(f"dagger_{name}_{repeat}", change)
             job = DaggerJob(
                 label=f"DAgger, {kind.title} (seed {repeat})",
                 config=str(path),
@@ -253,13 +253,13 @@ def live_policies(space: Workspace, missing: dict[str, str], repeat: int) -> dic
 def closed_loops(space: Workspace, missing: dict[str, str]) -> list[Work]:
     """Every controller alone under noise, on every task and on sequences of them."""
     study, size = space.study, space.size
-    tasks = data.layout(space.experiment(LIVE, {}))[1]
+    tasks = data.layout(space.experiment(LIVE))[1]
     work: list[Work] = []
     for repeat in range(size.dagger_seeds):
         for name, folder in live_policies(space, missing, repeat).items():
             for index in range(size.episodes):
                 plain = EpisodeJob(
-                    config=str(space.experiment(LIVE, {})),
+                    config=str(space.experiment(LIVE)),
                     policy=folder,
                     task=tasks[0],
                     seed=seed_of("episode", repeat),

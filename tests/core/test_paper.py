@@ -118,6 +118,13 @@ def test_another_study_is_not_mixed_in(finished, study):
         measure(study, finished)
 
 
+def test_a_default_that_changed_meanwhile_is_noticed(finished, study):
+    path = finished / "experiments" / "plain.toml"
+    path.write_text(path.read_text().replace("settle_s = 0.5", "settle_s = 0.4"))
+    with pytest.raises(ConfigError, match="some default has changed"):
+        measure(study, finished)
+
+
 def test_a_controller_that_is_not_installed_is_printed_as_such(finished):
     with (finished / "tables" / "rms_mm.csv").open() as file:
         rows = {row[0]: row[1:] for row in csv.reader(file)}
