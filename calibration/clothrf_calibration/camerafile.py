@@ -30,6 +30,8 @@ from clothrf_calibration.errors import CalibrationError
 from clothrf_calibration.handeye import HandEye
 from clothrf_calibration.intrinsics import Calibration, correlation
 from clothrf_calibration.lens import matrix, vector
+from clothrf_calibration.uncertainty import stated_uncertainty, uncertainty_warnings
+from clothrf_calibration.views import View
 from clothrf_core.camera_file import VERSION, read_camera_file, read_camera_tables
 from clothrf_core.files import atomic_write
 from clothrf_core.rig import CameraSection
@@ -92,14 +94,26 @@ def intrinsics_tables(
             "board_shapes_px": dict(c.shapes),
         },
         "dropped": dict(c.dropped),
-        "warnings": {"intrinsics": list(c.warnings)},
+        "warnings": {
+            "intrinsics": [w for w in c.warnings if w not in c.uncertain],
+            "uncertainty": c.uncertain,
+        },
     }
 
 
 def with_extrinsics(
-    tables: Mapping[str, Any], h: HandEye, *, command: str, pictures: str
+    tables: Mapping[str, Any],
+    h: HandEye,
+    *,
+    command: str,
+    pictures: str,
+    points: Float,
+    views: Sequence[View],
 ) -> Tables:
-    """The tables with a hand-eye result; a standing camera's pose goes into ``[camera]``."""
+    """The tables with a hand-eye result; a standing camera's pose goes into ``[camera]``.
+
+    `points` and `views` are the board and the pictures of it that were used.
+    """
     outer, inner = (
         ("T_base_camera", "T_gripper_board")
         if h.setup == "fixed"
@@ -136,7 +150,16 @@ def with_extrinsics(
         result["camera"]["K"] = matrix(h.intrinsics).tolist()
         result["camera"]["distortion"] = h.intrinsics[4:].tolist()
         C = h.intrinsics_covariance
-        result["uncertainty"] |= {"sd": np.sqrt(np.diag(C)).tolist(), "covariance": C.tolist()}
+        result["uncertainty"].pop("projection_near_mean_px", None)  # of the lens as it was
+        projections = stated_uncertainty(h.intrinsics, C, points, views)
+        result["uncertainty"] |= {
+            "sd": np.sqrt(np.diag(C)).tolist(),
+            "covariance": C.tolist(),
+            "projection_mean_px": projections.mean,
+            "projection_worst_px": projections.worst,
+        }
+        left = uncertainty_warnings(h.intrinsics, C, projections)
+        result.setdefault("warnings", {})["uncertainty"] = left
     result.setdefault("warnings", {})["extrinsics"] = list(h.warnings)
     return result
 

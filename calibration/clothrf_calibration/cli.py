@@ -266,7 +266,10 @@ def extrinsics(
                     task, description=what, completed=done, total=of
                 ),
             )  # fmt: skip
-        result = with_extrinsics(tables, solved, command=command_line(), pictures=str(pictures))
+        result = with_extrinsics(
+            tables, solved, command=command_line(), pictures=str(pictures),
+            points=points, views=loaded.views,
+        )  # fmt: skip
         result["warnings"]["extrinsics"] += list(found.notes)
     write_tables(out, result, replace=replace)
     show_extrinsics(result, out)

@@ -21,14 +21,16 @@ from clothrf_calibration.crossvalidation import (
 from clothrf_calibration.errors import CalibrationError, DegenerateData
 from clothrf_calibration.intrinsics_fit import Fit, fit
 from clothrf_calibration.threads import one_thread
-from clothrf_calibration.uncertainty import UncertaintyMap, uncertainty_map
+from clothrf_calibration.uncertainty import (
+    UncertaintyMap,
+    uncertainty_map,
+    uncertainty_warnings,
+)
 from clothrf_calibration.views import View, one_size
 from clothrf_core.types import Float
 
 MIN_VIEWS, GOOD_VIEWS, SELECTION_VIEWS = 3, 10, 6
 MIN_SPREAD = 5.0
-MAX_SD_F = 1e-3
-MAX_MEAN_PX, MAX_WORST_PX = 0.3, 1.0
 # A freely shaped board can trade with the principal point: it must win clearly to be believed.
 FREE_MARGIN = 0.4
 WORTH_TRYING = 0.85
@@ -92,6 +94,11 @@ class Calibration:
         """(4 + D, 4 + D) of `parameters`."""
         n = self.parameters.size
         return self.fit.covariance[:n, :n]
+
+    @property
+    def uncertain(self) -> list[str]:
+        """Those warnings that later measurements may overcome."""
+        return uncertainty_warnings(self.parameters, self.covariance, self.uncertainty)
 
     @property
     def used(self) -> NDArray[np.bool_]:
@@ -267,19 +274,7 @@ def _warnings(c: Calibration) -> list[str]:
             f"{empty} of {c.coverage.cells.size} cells of the picture hold no corner; "
             + next((a for a in advice(c.coverage) if a.startswith("bring")), "cover them")
         )
-    sd = np.sqrt(np.diag(c.covariance))
-    relative = float((sd[:2] / c.parameters[:2]).max())
-    if relative > MAX_SD_F:
-        say.append(
-            f"the focal length is uncertain by {100 * relative:.2f} % (aim: below "
-            f"{100 * MAX_SD_F:.1f} %), {1e3 * relative:.1f} mm at 1 m; add tilted views"
-        )
-    if c.uncertainty.mean > MAX_MEAN_PX or c.uncertainty.worst > MAX_WORST_PX:
-        say.append(
-            f"projections are uncertain by {c.uncertainty.mean:.2f} px on average and "
-            f"{c.uncertainty.worst:.2f} px in the worst corner (aim: {MAX_MEAN_PX} and "
-            f"{MAX_WORST_PX}); stay inside the covered part or add views there"
-        )
+    say += c.uncertain
     rejected = c.fit.rejected / max(sum(len(v.ids) for v in c.fit.views), 1)
     if rejected > 0.05:
         say.append(f"{100 * rejected:.0f} % of the corners were rejected; look for blur and glare")

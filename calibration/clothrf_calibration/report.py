@@ -13,9 +13,8 @@ from clothrf_calibration import plots
 from clothrf_calibration.boardpose import fit_pose
 from clothrf_calibration.boards import Board
 from clothrf_calibration.boardshape import SHAPES, Shape, deformed, shape_basis
-from clothrf_calibration.intrinsics_fit import Fit, State
 from clothrf_calibration.lens import vector
-from clothrf_calibration.uncertainty import UncertaintyMap, uncertainty_map
+from clothrf_calibration.uncertainty import UncertaintyMap, stated_uncertainty
 from clothrf_calibration.views import View
 from clothrf_core.rig import CameraSection
 from clothrf_core.types import Float
@@ -62,10 +61,9 @@ def report(
     fitted = [fit_pose(parameters, points, v) for v in views]
     residuals = [r for _, r in fitted]
     rms = np.array([float(np.sqrt((r**2).sum(axis=1).mean())) for r in residuals])
-    T = np.stack([pose for pose, _ in fitted])
     camera = section.model()
-    in_world = [camera.T_world_camera @ t for t in T]
-    found = _uncertainty(tables, parameters, known, numbers, views, T, residuals, board)
+    in_world = [camera.T_world_camera @ pose for pose, _ in fitted]
+    found = _uncertainty(tables, parameters, points, views)
     parts = [_head(title, tables), _warnings(tables), _numbers(section, tables)]
     parts.append("<h2>Coverage</h2>" + _image(plots.coverage_plot(views)))
     parts.append(
@@ -90,32 +88,12 @@ def report(
 
 
 def _uncertainty(
-    tables: Mapping[str, Any],
-    parameters: Float,
-    shape: Shape,
-    numbers: Float,
-    views: Sequence[View],
-    T: Float,
-    residuals: Sequence[Float],
-    board: Board,
+    tables: Mapping[str, Any], parameters: Float, points: Float, views: Sequence[View]
 ) -> UncertaintyMap | None:
     covariance = np.array(tables.get("uncertainty", {}).get("covariance", []), float)
     if covariance.shape != (parameters.size, parameters.size):
         return None
-    whole = np.zeros((parameters.size + numbers.size,) * 2)
-    whole[: parameters.size, : parameters.size] = covariance
-    fit = Fit(
-        State(parameters, numbers, T),
-        shape,
-        tuple(views),
-        tuple(np.ones(len(v.ids), bool) for v in views),
-        np.ones(len(views)),
-        tuple(residuals),
-        float(tables.get("residuals", {}).get("sigma_px", 0.2)),
-        whole,
-        converged=True,
-    )
-    return uncertainty_map(fit, board)
+    return stated_uncertainty(parameters, covariance, points, views)
 
 
 def _head(title: str, tables: Mapping[str, Any]) -> str:

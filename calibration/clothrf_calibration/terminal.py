@@ -49,8 +49,9 @@ def show_intrinsics(tables: dict[str, Any], out: Path) -> None:
     )
     for name, why in tables["dropped"].items():
         warn(f"{name} was left out: {why}")
-    for line in tables["warnings"]["intrinsics"]:
-        warn(line)
+    for group in ("intrinsics", "uncertainty"):
+        for line in tables["warnings"][group]:
+            warn(line)
     say(f"wrote {out}")
 
 

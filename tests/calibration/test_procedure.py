@@ -61,6 +61,22 @@ def work(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+def test_the_refined_lens_states_its_own_uncertainty(work: Path, tmp_path: Path) -> None:
+    lens, whole = (tomllib.loads((work / f"{n}.camera.toml").read_text()) for n in "ab")
+    before, after = lens["uncertainty"], whole["uncertainty"]
+
+    run("report", work / "b.camera.toml", "--pictures", work / "cal", "--out", tmp_path / "b.html")
+
+    assert after["sd"][0] < before["sd"][0]
+    assert after["projection_mean_px"] < before["projection_mean_px"]
+    assert any("focal length" in w for w in lens["warnings"]["uncertainty"]) == (
+        before["sd"][0] > 1e-3 * lens["camera"]["K"][0][0]
+    )
+    assert whole["warnings"]["uncertainty"] == []
+    page = (tmp_path / "b.html").read_text()
+    assert f"uncertain by {after['projection_mean_px']:.2f} px on average" in page
+
+
 def test_the_calibrated_camera_is_the_one_that_took_the_pictures(work: Path) -> None:
     truth = tomllib.loads(RIG.read_text())["camera"]
 
