@@ -48,14 +48,17 @@ def convergence(records: Sequence[Mapping[str, Any]]) -> Any:
     x = [r["iteration"] for r in records]
     for task in records[0]["tasks"]:
         left.plot(x, [r["tasks"][task]["rms_mm"] for r in records], marker=".", label=task)
-    left.xaxis.get_major_locator().set_params(integer=True)
-    left.set(xlabel="DAgger iteration", ylabel="held-out RMS per coordinate, mm", ylim=(0, None))
-    left.legend(frameon=False)
+    left.set(xlabel="DAgger iteration", ylabel="held-out RMS per coordinate, mm")
+    _from_zero(left)
+    left.legend(frameon=False, loc="lower left")
     if has_leaves:
         right = axes[1]
         right.plot(x, [r["leaves"] for r in records], marker=".", color=INK)
-        right.xaxis.get_major_locator().set_params(integer=True)
-        right.set(xlabel="DAgger iteration", ylabel="leaves of the forest", ylim=(0, None))
+        right.set(xlabel="DAgger iteration", ylabel="leaves of the forest")
+        _from_zero(right)
+    for axis in np.atleast_1d(axes):
+        axis.set_xlim(x[0] - 0.5, x[-1] + 0.5)
+        axis.xaxis.get_major_locator().set_params(integer=True, min_n_ticks=1)
     return figure
 
 
@@ -88,8 +91,14 @@ def confidence(curve: NDArray[np.float64]) -> Any:
     axis.plot(curve[:, 0], curve[:, 1], marker="o", color=BLUE)
     for c, rms, n in curve:
         axis.annotate(f"{n:.0f}", (c, rms), xytext=(0, 5), textcoords="offset points", fontsize=7)
-    axis.set(xlabel="confidence", ylabel="RMS error, mm", xlim=(0, 1), ylim=(0, None))
+    axis.set(xlabel="confidence", ylabel="RMS error, mm", xlim=(0, 1))
+    _from_zero(axis)
     return figure
+
+
+def _from_zero(axis: Any) -> None:
+    """Lines begin at 0 and leave room above, also where they hardly rise or fall."""
+    axis.set_ylim(0.0, 1.1 * max((np.nanmax(line.get_ydata()) for line in axis.lines), default=1.0))
 
 
 @contextlib.contextmanager

@@ -133,7 +133,11 @@ def _page(
     columns = {"task": "task", "rms_mm": "RMS, mm|.1f", "mse_m2": "MSE, m²|.2e", "nre": "NRE|.4f"}
     parts += ["<h2>Held-out error by task</h2>", html_table(table_text(per_task, columns))]
     parts += ["<h2>DAgger iterations</h2>", html_table(convergence_rows(records))]
-    parts.append(f"<h2>Configuration</h2><pre>{html.escape(run.experiment.read_text())}</pre>")
+    text = html.escape(run.experiment.read_text())
+    parts.append(
+        f"<h2>Configuration</h2><details><summary>experiment.toml</summary><pre>{text}</pre>"
+        "</details>"
+    )
     packages = ", ".join(f"{k} {v}" for k, v in versions["packages"].items())
     parts.append(f"<p class=note>{html.escape(packages)}</p></html>")
     return "\n".join(parts)
