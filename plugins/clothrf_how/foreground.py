@@ -111,8 +111,8 @@ def foreground(
     mask = label == _largest(area)
     for piece in _further_pieces(label, area, z, options, roi):
         mask |= label == piece
-    mask, depth = mask_kernels.bridge(mask, z, options.fill_gap, options.jump)
-    box = mask_kernels.bounds(mask)
+    mask, depth = mask_kernels.bridge(mask, z, options.fill_gap, options.jump, roi)
+    box = mask_kernels.bounds(mask, roi)
     count, u, v, total = mask_kernels.sums(mask, depth, box)
     many = max(count, 1)
     return Foreground(
@@ -208,4 +208,4 @@ def warm() -> None:
     kernels.odd_colours(state, np.zeros((2, 2, 3), np.uint8), 1, 0.1, (0, 0, 2, 2))
     label, area = surface_kernels.surfaces(z, state, 0.1, kernels.CANDIDATE, (0, 0, 2, 2))
     surface_kernels.apart(label, area, z, 1, 1, 0.1, (0, 0, 2, 2))
-    mask_kernels.sums(*mask_kernels.bridge(state > 0, z, 1, 0.1), (0, 0, 2, 2))
+    mask_kernels.sums(*mask_kernels.bridge(state > 0, z, 1, 0.1, (0, 0, 2, 2)), (0, 0, 2, 2))

@@ -94,8 +94,7 @@ class How:
         options = self.options
         _, _, columns, rows = LAYOUTS[options.layout]
         pictures = [_picture(channel, area, frame, options) for channel in _channels(options)]
-        mask, pictures = _aligned(area, pictures, options)
-        box = bounds(mask)
+        mask, box, pictures = _aligned(area, pictures, options)
         if box[2] == box[0]:
             return np.zeros(len(self.names), np.float32)
         offset = _offset(area, options)
@@ -118,8 +117,9 @@ class How:
     ) -> list[Float]:
         if self._separable:
             margin = max(p.margin for p in self._passes)
-            pair = boards(picture, mask, box, grid, margin)
-            return [p.sums(*pair, self.options) for p in self._passes]
+            board = Board.of(picture, mask, box, grid, margin)
+            turned = board.turned()
+            return [p.sums(board, turned, self.options) for p in self._passes]
         orientations, wavelengths, _, _ = LAYOUTS[self.options.layout]
         lengths = (self.options.wavelength, self.options.second_wavelength)[:wavelengths]
         return [
@@ -228,31 +228,26 @@ class Board:
         margin: int,
     ) -> Board:
         """The half-open `box` of a picture and its mask."""
-        x0, y0, x1, y1 = box
-        h, w = y1 - y0, x1 - x0
-        wide = -(-w // LANES) * LANES
-        counts = np.zeros((h, wide), np.float32)
-        counts[:, :w] = mask[y0:y1, x0:x1]
-        columns = np.full(wide, -1, np.int32)
-        columns[:w] = grid.columns
-        around = surrounded(picture, box, margin, beyond=wide - w + LANES)
-        return cls(around, counts, columns, grid, margin)
+        w = box[2] - box[0]
+        around, counts = kernels.framed(picture, mask, box, margin, -(-w // LANES) * LANES)
+        return cls(around, counts, _lengthened(grid.columns, counts.shape[1]), grid, margin)
+
+    def turned(self) -> Board:
+        """The same of the transposed picture."""
+        h, w = self.grid.rows.size, self.grid.columns.size
+        m, wide = self.margin, -(-h // LANES) * LANES
+        around = np.zeros((w + 2 * m, wide + 2 * m + LANES), np.float32)
+        around[:, : h + 2 * m] = cv2.transpose(src=self.picture[:, : w + 2 * m])
+        counts = np.zeros((w, wide), np.float32)
+        counts[:, :h] = cv2.transpose(src=self.counts[:, :w])
+        grid = self.grid.turned()
+        return Board(around, counts, _lengthened(grid.columns, wide), grid, m)
 
 
-def boards(
-    picture: Float32,
-    mask: NDArray[np.bool_],
-    box: tuple[int, int, int, int],
-    grid: Grid,
-    margin: int,
-) -> tuple[Board, Board]:
-    """A picture's board and that of the transposed picture."""
-    x0, y0, x1, y1 = box
-    turned = (y0, x0, y1, x1)
-    return (
-        Board.of(picture, mask, box, grid, margin),
-        Board.of(picture.T, mask.T, turned, grid.turned(), margin),
-    )
+def _lengthened(cells: NDArray[np.int32], size: int) -> NDArray[np.int32]:
+    result = np.full(size, -1, np.int32)
+    result[: cells.size] = cells
+    return result
 
 
 def filtered_sums(
@@ -285,13 +280,11 @@ def filtered_sums(
     return [cell_sums(rectified(a, options.response) * inside, grid) for a in waves]
 
 
-def surrounded(
-    picture: Float32, box: tuple[int, int, int, int], margin: int, *, beyond: int = 0
-) -> Float32:
-    """The box of a picture and `margin` pixels around it, `beyond` more on the right; else 0."""
+def surrounded(picture: Float32, box: tuple[int, int, int, int], margin: int) -> Float32:
+    """The box of a picture and `margin` pixels around it; zeros outside the picture."""
     x0, y0, x1, y1 = box
     h, w = picture.shape
-    result = np.zeros((y1 - y0 + 2 * margin, x1 - x0 + 2 * margin + beyond), np.float32)
+    result = np.zeros((y1 - y0 + 2 * margin, x1 - x0 + 2 * margin), np.float32)
     top, left = max(0, y0 - margin), max(0, x0 - margin)
     cut = picture[top : min(h, y1 + margin), left : min(w, x1 + margin)]
     j, i = top - (y0 - margin), left - (x0 - margin)
@@ -361,10 +354,10 @@ def _quadrature(options: HowOptions) -> tuple[tuple[Factors, ...], tuple[Factors
 
 def _aligned(
     area: Foreground, pictures: list[Float32], options: HowOptions
-) -> tuple[NDArray[np.bool_], list[Float32]]:
-    """Mask and pictures moved and scaled; moving alone is left to the grid, which is exact."""
+) -> tuple[NDArray[np.bool_], tuple[int, int, int, int], list[Float32]]:
+    """Mask, its box and pictures moved and scaled; moving alone is left to the grid: exact."""
     if options.align != "center_scale":
-        return area.mask, pictures
+        return area.mask, area.box, pictures
     h, w = area.mask.shape
     x0, y0, x1, y1 = area.box
     u, v, _ = area.centre
@@ -386,7 +379,7 @@ def _aligned(
     share = warp(area.mask.astype(np.float32))
     mask = share > 0.5
     moved = [np.where(mask, warp(p) / np.maximum(share, 0.5), 0.0) for p in pictures]
-    return mask, [p.astype(np.float32) for p in moved]
+    return mask, bounds(mask, (0, 0, w, h)), [p.astype(np.float32) for p in moved]
 
 
 def _offset(area: Foreground, options: HowOptions) -> tuple[int, int]:

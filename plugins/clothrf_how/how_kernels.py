@@ -19,6 +19,43 @@ SATURATE8 = 3
 
 
 @njit(cache=True, nogil=True)
+def framed(
+    picture: NDArray[np.float32],
+    mask: NDArray[np.bool_],
+    box: tuple[int, int, int, int],
+    margin: int,
+    wide: int,
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """What `oriented_sums` wants of a picture's box: with a frame around it, and 1 where it counts.
+
+    Args:
+        picture: (H, W) float32; zeros are taken beyond it.
+        mask: (H, W) bool.
+        box: half-open (x0, y0, x1, y1), h x w pixels.
+        margin: pixels around the box.
+        wide: w or more, a multiple of `LANES`.
+
+    Returns:
+        (h + 2 margin, wide + 2 margin + LANES) and (h, wide) float32.
+    """
+    x0, y0, x1, y1 = box
+    one, zero = np.float32(1.0), np.float32(0.0)
+    around = np.zeros((y1 - y0 + 2 * margin, wide + 2 * margin + LANES), np.float32)
+    counts = np.zeros((y1 - y0, wide), np.float32)
+    left, right = max(0, x0 - margin), min(picture.shape[1], x1 + margin)
+    for y in range(max(0, y0 - margin), min(picture.shape[0], y1 + margin)):
+        line = around[y - y0 + margin, left - x0 + margin : right - x0 + margin]
+        row = picture[y, left:right]
+        for i in range(right - left):
+            line[i] = row[i]
+    for y in range(y0, y1):
+        line, inside = counts[y - y0], mask[y, x0:x1]
+        for i in range(x1 - x0):
+            line[i] = one if inside[i] else zero
+    return around, counts
+
+
+@njit(cache=True, nogil=True)
 def _flat(
     steps: NDArray[np.int32],
     weights: NDArray[np.float32],

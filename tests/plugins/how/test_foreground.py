@@ -253,7 +253,7 @@ def test_the_compiled_bridge_equals_plain_python():
     behind = ~mask & (rng.random(mask.shape) < 0.2)
     z[behind] = 0.9
 
-    full, depth = mask_kernels.bridge(mask, z, 3, 0.02)
+    full, depth = mask_kernels.bridge(mask, z, 3, 0.02, (0, 0, 35, 25))
 
     want, values = _bridged(mask, np.where(mask, z, 0), z)
     turned, turned_values = _bridged(want.T, values.T, z.T)

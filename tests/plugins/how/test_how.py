@@ -6,7 +6,7 @@ import pytest
 from clothrf_how.config import FeatureOptions, ForegroundOptions, HowOptions
 from clothrf_how.extractor import Extractor
 from clothrf_how.gabor import factors
-from clothrf_how.how import Grid, How, Passes, boards, cell_sums, how_names, rectified, relief
+from clothrf_how.how import Board, Grid, How, Passes, cell_sums, how_names, rectified, relief
 from clothrf_how.how_kernels import detrended
 
 
@@ -62,7 +62,8 @@ def test_the_compiled_passes_equal_filter2d(response, orientation):
 
     options = HowOptions(response=response, every=1)
     passes = Passes.of(wave, quarter)
-    got = passes.sums(*boards(picture, mask, box, grid, passes.margin), options)
+    board = Board.of(picture, mask, box, grid, passes.margin)
+    got = passes.sums(board, board.turned(), options)
 
     def answer(factor):
         return cv2.filter2D(
