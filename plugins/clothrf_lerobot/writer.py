@@ -75,28 +75,27 @@ def export(
         from clothrf_lerobot.pictures import replays_of
 
         replays = replays_of(source, registry)
-    first, written = 0, 0
-    total: stats.Stats = {}
+    whole = _Whole(source, out, {} if replays is None else replays.features(source.fps))
+    written = 0
     for index, (name, rollout, digest) in enumerate(source.rollouts()):
         header = {
             "path": name,
             "source": digest,
             "meta": dict(rollout.meta),
             "fps": source.fps,
-            "first": first,
+            "first": whole.frames,
             "pictures": pictures,
         }
-        episode = Episode(index, first, rollout, header)
+        episode = Episode(index, whole.frames, rollout, header)
         own = _finished(out, episode)
         if own is None:
+            whole.promise()
             drawn = None if replays is None else replays.draw(name, rollout, source.fps)
             own = _write(source, out, episode, drawn)
             written += 1
-        total = stats.combined([total, own] if total else [own])
-        first += len(rollout)
-        pictured = {} if replays is None else replays.features(source.fps)
-        features = {**_features(source, episode), **pictured}
-        _commit(source, out, index + 1, first, total, features)
+        whole.add(episode, own)
+        if whole.promised < whole.episodes:
+            whole.promise()
         on_episode()
     return written
 
@@ -184,43 +183,58 @@ def _columns(source: Source, episode: Episode) -> Columns:
     return {**columns_of(rollout), **counters}
 
 
-def _features(source: Source, episode: Episode) -> dict[str, Any]:
-    grippers = episode.rollout.grasps.shape[1]
-    names = names_of(source.dataset.names, source.dataset.tasks, grippers)
-    return features_of(_columns(source, episode), names)
+class _Whole:
+    """What the data set holds, and what its ``info.json`` promises to hold."""
 
+    def __init__(self, source: Source, out: Path, pictured: Mapping[str, Any]) -> None:
+        self._source, self._out, self._pictured = source, out, pictured
+        self._features: dict[str, Any] = {}
+        self._stats: stats.Stats = {}
+        self.episodes = self.frames = 0
+        path = out / layout.INFO
+        self.promised = layout.read_info(out).total_episodes if path.exists() else 0
 
-def _commit(
-    source: Source,
-    out: Path,
-    episodes: int,
-    frames: int,
-    total: stats.Stats,
-    features: Mapping[str, Any],
-) -> None:
-    """Let the data set hold its first `episodes` episodes."""
-    held_out = min(source.held_out, episodes)
-    splits = {"heldout": f"0:{held_out}"} if held_out else {}
-    if episodes > held_out:
-        splits["train"] = f"{held_out}:{episodes}"
-    info = {
-        "codebase_version": layout.VERSION,
-        "robot_type": "clothrf",
-        "total_episodes": episodes,
-        "total_frames": frames,
-        "total_tasks": len(source.dataset.tasks),
-        "chunks_size": layout.FILES_PER_CHUNK,
-        "data_files_size_in_mb": 100,
-        "video_files_size_in_mb": 200,
-        "fps": int(source.fps) if source.fps.is_integer() else source.fps,
-        "splits": splits,
-        "data_path": layout.DATA_PATH,
-        "video_path": layout.VIDEO_PATH if layout.COLOUR in features else None,
-        "features": features,
-    }
-    _put(out / layout.STATS, json_bytes(stats.nested(total)))
-    _put(out / layout.TASKS, parquet_bytes(tasks_table(source.dataset.tasks)))
-    _put(out / layout.INFO, json_bytes(info))
+    def add(self, episode: Episode, own: stats.Stats) -> None:
+        """One more episode is finished."""
+        self.episodes, self.frames = self.episodes + 1, self.frames + len(episode.rollout)
+        self._stats = stats.combined([self._stats, own] if self._stats else [own])
+        if not self._features:
+            source, grippers = self._source.dataset, episode.rollout.grasps.shape[1]
+            names = names_of(source.names, source.tasks, grippers)
+            plain = features_of(_columns(self._source, episode), names)
+            self._features = {**plain, **self._pictured}
+
+    def promise(self) -> None:
+        """Let ``info.json`` count the episodes that are finished, no more and no fewer."""
+        if self.promised == self.episodes:
+            return
+        self.promised = self.episodes
+        if not self.episodes:  # the first is about to be replaced
+            (self._out / layout.INFO).unlink()
+            return
+        tasks, fps = self._source.dataset.tasks, self._source.fps
+        held_out = min(self._source.held_out, self.episodes)
+        splits = {"heldout": f"0:{held_out}"} if held_out else {}
+        if self.episodes > held_out:
+            splits["train"] = f"{held_out}:{self.episodes}"
+        info = {
+            "codebase_version": layout.VERSION,
+            "robot_type": "clothrf",
+            "total_episodes": self.episodes,
+            "total_frames": self.frames,
+            "total_tasks": len(tasks),
+            "chunks_size": layout.FILES_PER_CHUNK,
+            "data_files_size_in_mb": 100,
+            "video_files_size_in_mb": 200,
+            "fps": int(fps) if fps.is_integer() else fps,
+            "splits": splits,
+            "data_path": layout.DATA_PATH,
+            "video_path": layout.VIDEO_PATH if self._pictured else None,
+            "features": self._features,
+        }
+        _put(self._out / layout.STATS, json_bytes(stats.nested(self._stats)))
+        _put(self._out / layout.TASKS, parquet_bytes(tasks_table(tasks)))
+        _put(self._out / layout.INFO, json_bytes(info))
 
 
 def _put(path: Path, data: bytes) -> None:

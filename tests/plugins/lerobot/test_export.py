@@ -204,6 +204,20 @@ def test_a_rollout_that_changed_is_written_again(dataset, exported):
     assert export(dataset.folder, exported) == 3  # and those after it, whose frames moved
 
 
+def test_while_an_episode_is_replaced_only_those_before_it_are_promised(
+    dataset, exported, tmp_path, monkeypatch
+):
+    dataset.path(1, 1).write_bytes(dataset.path(1, 0).read_bytes())
+    monkeypatch.setattr(writer, "_write", lambda *_: 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        export(dataset.folder, exported)
+    assert import_dataset(exported, tmp_path / "back").rollouts == 2
+    dataset.path(0, 0, kind="heldout").write_bytes(dataset.path(1, 0).read_bytes())
+    with pytest.raises(ZeroDivisionError):
+        export(dataset.folder, exported)
+    assert not (exported / "meta/info.json").exists()
+
+
 @pytest.mark.parametrize("stranger", ["notes.txt", "data/chunk-000/file-000.parquet"])
 def test_it_writes_into_no_folder_of_somebody_else(dataset, tmp_path, stranger):
     path = tmp_path / "out" / stranger
