@@ -160,6 +160,11 @@ def columns(view: DatasetView, beginnings: Sequence[str]) -> DatasetView:
     )
 
 
+def readable(names: Sequence[str], beginnings: Sequence[str]) -> bool:
+    """Whether there are features for each of `beginnings`."""
+    return all(any(name.startswith(b) for name in names) for b in beginnings)
+
+
 def tasks(view: DatasetView, wanted: Sequence[str]) -> DatasetView:
     """The labels of some tasks only; all of them if `wanted` is empty."""
     if not wanted or tuple(wanted) == view.tasks:

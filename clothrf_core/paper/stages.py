@@ -18,7 +18,7 @@ from clothrf_core.paper.data import Workspace, seed_of
 from clothrf_core.paper.fitting import FitJob, section
 from clothrf_core.paper.live import DaggerJob
 from clothrf_core.paper.strange import StrangeJob
-from clothrf_core.paper.study import Condition, RegimeSection, conditions
+from clothrf_core.paper.study import ControllerSection, RegimeSection, conditions
 from clothrf_core.provider import BuildContext
 from clothrf_core.rollout import RolloutJob
 
@@ -113,11 +113,7 @@ def fit(
     whole, chosen = share == 1.0, study.controllers[controller]
     hard = whole and (chosen.hard or regime != study.roles.table)
     keep = whole and chosen.live and regime == study.roles.table
-    tests = [TEST] + (
-        [c.name for c in conditions(study, quick=space.quick) if _fits(space, c, chosen.columns)]
-        if hard
-        else []
-    )
+    tests = [TEST, *(_conditions(space, regime, chosen) if hard else ())]
     job = FitJob(
         label=f"{controller}, {share:.0%} of {regime} (seed {repeat})",
         config=str(space.experiment(regime)),
@@ -140,17 +136,24 @@ def fit_path(space: Workspace, regime: str, controller: str, share: float, repea
     return folder / f"{round(100 * share):03d}_seed_{repeat}.json"
 
 
-def _fits(space: Workspace, condition: Condition, beginnings: list[str]) -> bool:
-    """Whether the pictures of a condition have the features that a controller reads."""
-    names = data.layout(space.experiment(condition.name))[0]
-    return all(any(n.startswith(b) for n in names) for b in beginnings)
+def _conditions(space: Workspace, regime: str, controller: ControllerSection) -> Iterator[str]:
+    """Conditions that a controller is tested on: those whose pictures have what it reads.
+
+    What was trained for the swap of simulators only is tested in the simulators only.
+    """
+    swapped = space.study.regimes[regime].only is not None
+    for condition in conditions(space.study, quick=space.quick):
+        names = data.layout(space.experiment(condition.name))[0]
+        known = data.readable(names, controller.columns)
+        if known and (not swapped or space.study.series[condition.series].kind == "simulator"):
+            yield condition.name
 
 
 def _strange(space: Workspace, repeat: int, beginnings: list[str]) -> tuple[tuple[str, str], ...]:
     found = []
     for name in space.study.strange:
         dataset = space.dataset(f"strange_{name}", repeat)
-        if all(any(n.startswith(b) for n in dataset.names) for b in beginnings):
+        if data.readable(dataset.names, beginnings):
             found.append((name, str(dataset.folder)))
     return tuple(found)
 

@@ -85,8 +85,9 @@ def _constant(study: Study, found: Rows) -> Iterable[str]:
     worst = [r for r in _ranked(study, found, shares[-1]) if abs(r["nre"]["mean"] - 1.0) < 0.05]
     if worst:
         row = worst[0]
+        title = _title(study, row)
         yield (
-            f"{_title(study, row).capitalize()} looks at nothing and has a mean square of only "
+            f"{title[0].upper()}{title[1:]} looks at nothing and has a mean square of only "
             f"{row['mse_m2']['mean']:.4f} m² ({pm(row['rms_mm'], 0)} mm, NRE "
             f"{row['nre']['mean']:.2f}): read NRE or millimetres, never the mean square."
         )
