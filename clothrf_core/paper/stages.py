@@ -79,7 +79,8 @@ def rollouts(space: Workspace) -> list[File]:
 
 def shared(space: Workspace, regime: RegimeSection) -> int:
     """Training roll-outs of a regime."""
-    return max(5, round(regime.share * space.size.rollouts))
+    share = min(1.0, regime.share * space.size.regimes)
+    return max(5, round(share * space.size.rollouts))
 
 
 def learning(space: Workspace, missing: dict[str, str]) -> list[Work]:

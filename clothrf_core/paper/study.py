@@ -23,6 +23,7 @@ class SizeSection(Section):
     seeds: int = Field(ge=1, description="independent repetitions: data, fits and tests")
     rollouts: int = Field(ge=5, description="training roll-outs a seed")
     steps: int = Field(100, ge=1, description="samples of each")
+    regimes: float = Field(1.0, gt=0.0, description="factor of the regimes' shares of them")
     shares: list[float] = Field([0.2, 0.4, 0.6, 0.8, 1.0], description="of the training roll-outs")
     test_rollouts: int = Field(ge=2, description="held-out roll-outs of the table")
     condition_rollouts: int = Field(ge=2, description="roll-outs of each hard condition")
