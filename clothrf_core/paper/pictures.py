@@ -15,6 +15,8 @@ from clothrf_core.paper.study import Study
 from clothrf_core.paper.tables import controllers, live_title
 
 FOREST, RIVALS = plots.ORANGE, ("#1f6f8b", "#5b8c5a", "#8a5a8c", "#b08d3c", "#4a6fb0", "#a14f4f")
+DASHES = ("-", "--", ":")
+Look = tuple[str, str]  # colour, dashes
 CLIP = 100.0  # mm; what is beyond does not belong on the picture
 
 
@@ -27,10 +29,9 @@ def learning(study: Study, found: Rows) -> Any:
         mean = np.array([r["rms_mm"]["mean"] for r in rows])
         if mean.min() > CLIP or len(mean) < 2:
             continue
-        shares = [100.0 * r["share"] for r in rows]
-        _line(
-            axis, shares, [r["rms_mm"] for r in rows], study.controllers[name].title, palette[name]
-        )
+        shares, title = [100.0 * r["share"] for r in rows], study.controllers[name].title
+        ours = name == study.roles.forest  # sixteen bands on one picture would hide the lines
+        _line(axis, shares, [r["rms_mm"] for r in rows], title, palette[name], shade=ours)
     axis.set(xlabel="share of the training data, %", ylabel="held-out RMS per coordinate, mm")
     axis.set_ylim(0, CLIP if axis.get_ylim()[1] > CLIP else None)
     axis.legend(frameon=False, fontsize=7.5, loc="center left", bbox_to_anchor=(1.0, 0.5))
@@ -40,12 +41,13 @@ def learning(study: Study, found: Rows) -> Any:
 def dagger(study: Study, found: Rows) -> Any:
     """Error and leaves after each DAgger iteration."""
     figure, both = plots.house_axes(9.0, 3.6, 2)
-    for colour, (kind, runs) in zip((FOREST, *RIVALS), found["dagger"].items(), strict=False):
+    for index, (kind, runs) in enumerate(found["dagger"].items()):
+        look = _look(index) if index else (FOREST, "-")
         rows = runs["iterations"]
         x, title = [r["iteration"] for r in rows], study.dagger[kind].title
-        _line(both[0], x, [r["rms_mm"] for r in rows], title, colour)
+        _line(both[0], x, [r["rms_mm"] for r in rows], title, look)
         if all("leaves" in r for r in rows):
-            _line(both[1], x, [r["leaves"] for r in rows], title, colour)
+            _line(both[1], x, [r["leaves"] for r in rows], title, look)
     for axis, label in zip(both, ("RMS on unseen roll-outs, mm", "leaves"), strict=True):
         axis.xaxis.get_major_locator().set_params(integer=True)
         axis.set(xlabel="DAgger iteration", ylabel=label, ylim=(0, None))
@@ -61,7 +63,7 @@ def live(study: Study, found: Rows) -> Any:
     width = 0.8 / len(names)
     for i, name in enumerate(names):
         rows = {row["task"]: row["mean_mm"] for row in chosen(found["live"], controller=name)}
-        colour = plots.GREY if name == "expert" else (FOREST, *RIVALS)[(i - 1) % 7]
+        colour = plots.GREY if name == "expert" else FOREST if i == 1 else _look(i - 2)[0]
         place = np.arange(len(tasks)) + (i - 0.5 * (len(names) - 1)) * width
         error = [rows[task]["half"] or 0.0 for task in tasks]
         mean = [rows[task]["mean"] for task in tasks]
@@ -103,22 +105,23 @@ def hard(study: Study, found: Rows, kind: str) -> Any:
 def _families(axis: Any, study: Study, rows: Sequence[Rows], regime: str, names: list[str]) -> None:
     """The forest under each family of noise."""
     mine = chosen(rows, regime=regime, controller=study.roles.forest)
-    for colour, name in zip((plots.GREY, FOREST, *RIVALS), names, strict=False):
+    for index, name in enumerate(names):
+        look = _look(index - 1) if index else (FOREST, "-")
         zero = study.series[name].zero
         first = [r for r in mine if r["series"] == zero and r["level"] == 0.0] if zero else []
         series = [*first, *chosen(mine, series=name)]
         if series:
-            _line(axis, [r["level"] for r in series], [r["rms_mm"] for r in series], name, colour)
+            _line(axis, [r["level"] for r in series], [r["rms_mm"] for r in series], name, look)
 
 
 def _rivals(axis: Any, study: Study, rows: Sequence[Rows], regime: str, names: list[str]) -> None:
     """All controllers under one kind of difficulty."""
     here = [r for r in chosen(rows, regime=regime) if r["series"] in names]
     for name in dict.fromkeys(r["controller"] for r in here):
-        colour = _palette(study, {"table": here})[name]
+        look = _palette(study, {"table": here})[name]
         mine = chosen(here, controller=name)
         title = study.controllers[name].title
-        _line(axis, [r["level"] for r in mine], [r["rms_mm"] for r in mine], title, colour)
+        _line(axis, [r["level"] for r in mine], [r["rms_mm"] for r in mine], title, look)
 
 
 def joint(found: Rows) -> Any:
@@ -147,22 +150,36 @@ def files(figure: Any) -> tuple[bytes, bytes]:
     return plots.png(figure), buffer.getvalue()
 
 
-def _line(axis: Any, x: Sequence[float], of: Iterable[Rows], label: str, colour: str) -> None:
+def _line(
+    axis: Any,
+    x: Sequence[float],
+    of: Iterable[Rows],
+    label: str,
+    look: Look,
+    *,
+    shade: bool = True,
+) -> None:
     numbers = list(of)
+    colour, dash = look
     mean = np.array([n["mean"] for n in numbers])
     half = np.array([n["half"] or 0.0 for n in numbers])
-    strong = colour == FOREST
-    axis.plot(x, mean, marker=".", color=colour, label=label, linewidth=2.2 if strong else 1.1)
-    if half.any():
-        axis.fill_between(x, mean - half, mean + half, color=colour, alpha=0.15, linewidth=0)
+    width = 2.2 if colour == FOREST else 1.1
+    axis.plot(x, mean, dash, marker=".", color=colour, label=label, linewidth=width)
+    if shade and half.any():
+        axis.fill_between(x, mean - half, mean + half, color=colour, alpha=0.12, linewidth=0)
 
 
-def _palette(study: Study, found: Mapping[str, Any]) -> dict[str, str]:
+def _look(index: int) -> Look:
+    """Colour and dashes of the rival of this number."""
+    return RIVALS[index % len(RIVALS)], DASHES[index // len(RIVALS) % len(DASHES)]
+
+
+def _palette(study: Study, found: Mapping[str, Any]) -> dict[str, Look]:
     """The forest in its colour, rivals in turn in theirs."""
     names = list(dict.fromkeys(row["controller"] for row in found["table"]))
     rest = [name for name in names if name != study.roles.forest]
-    colours = {name: RIVALS[i % len(RIVALS)] for i, name in enumerate(rest)}
-    return {**colours, study.roles.forest: FOREST}
+    looks = {name: _look(i) for i, name in enumerate(rest)}
+    return {**looks, study.roles.forest: (FOREST, "-")}
 
 
 def _strength(kind: str) -> str:
