@@ -1,6 +1,7 @@
 """The command line as a user meets it: what it prints, and how it fails."""
 
 import csv
+import dataclasses
 import json
 import os
 import subprocess
@@ -112,8 +113,6 @@ def test_a_setting_can_be_overridden(call, toy_experiment):
 
 
 def test_a_bench_writes_its_figures_with_the_machine(call, toy, tmp_path, monkeypatch):
-    import dataclasses
-
     from clothrf_core.registry import Registry
 
     def run(quick):
@@ -128,6 +127,32 @@ def test_a_bench_writes_its_figures_with_the_machine(call, toy, tmp_path, monkey
     assert written["figures"]["speed"] == {"value": 4.0, "unit": "ms", "detail": {"p99": 5.0}}
     assert written["machine"]["name"]
     assert "0.50" in out
+
+
+@pytest.mark.parametrize(
+    ("flag", "size"), [(None, "usual"), ("--quick", "quick"), ("--full", "full")]
+)
+def test_a_long_measurement_is_told_its_size_and_folder_and_shows_how_far_it_is(
+    call, toy, monkeypatch, tmp_path, flag, size
+):
+    from clothrf_core.registry import Registry
+
+    told = []
+
+    def study(setting):
+        told.append((setting.size, setting.out))
+        setting.plan(200.0)
+        setting.done("the first half", 100.0)
+        return [Figure("speed", 1.0, "ms")]
+
+    long = Benchmark("paper", "a study", lambda quick: [], study=study)
+    more = dataclasses.replace(toy, benchmarks=(long,))
+    monkeypatch.setattr(Registry, "installed", classmethod(lambda cls: more))
+    code, out, _ = call("bench", "paper", "--out", tmp_path / "kept", *([flag] if flag else []))
+    assert code == 0
+    assert told == [(size, tmp_path / "kept")]
+    assert "50 %" in out
+    assert "the first half" in out
 
 
 def test_a_policy_answers_a_folder_of_real_pictures(call, toy, toy_experiment, tmp_path):
