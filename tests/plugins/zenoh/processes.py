@@ -87,6 +87,15 @@ def drive(machine, targets, seconds):
     return sent
 
 
+def arrive(machine, targets, timeout_s=15.0):
+    """Drive until the grippers are there, however busy the machine is; returns what was sent."""
+    sent, deadline = [], time.monotonic() + timeout_s
+    while np.abs(machine.state().positions - targets).max() > 0.004:
+        assert time.monotonic() < deadline, (machine.state().positions, machine.status())
+        sent += drive(machine, targets, 0.1)
+    return sent
+
+
 class Relay:
     """A TCP cable between a client and a bridge that can be cut."""
 
