@@ -184,6 +184,21 @@ def test_a_taken_address_is_an_error_of_one_line(shared):
         bridge(shared).__enter__()
 
 
+def test_loop_health_and_refusals_by_reason_are_published(shared):
+    with client(shared) as eye:
+        eye.wait_for_bridge(5.0)
+        eye.send(np.zeros(14), np.zeros(14))
+        until(lambda: eye.poll() is None or "refused.not_armed" in eye.status, what="the refusal")
+
+    late = [float(eye.status[f"lateness_{name}_us"]) for name in ("p50", "p99", "max")]
+    assert late == sorted(late)
+    assert late[2] > 0.0
+    assert int(eye.status["overruns"]) >= 0
+    assert eye.status["last_refusal"] == (
+        "publisher: expected nobody while not armed, found a command (not_armed)"
+    )
+
+
 def test_a_message_on_the_stop_key_stops_the_arms(shared):
     with client(shared) as eye, robot(shared) as machine:
         drive(machine, machine.state().positions, 0.2)
