@@ -6,6 +6,7 @@ import pytest
 from clothrf_lerobot import clothrf_commands
 from typer.testing import CliRunner
 
+from clothrf_core import cli
 from clothrf_core.errors import MissingDependency
 
 
@@ -44,3 +45,20 @@ def test_a_missing_package_is_named_with_its_extra(run, toy, tmp_path, monkeypat
     monkeypatch.setitem(sys.modules, "pyarrow", None)
     with pytest.raises(MissingDependency, match=r"pip install 'clothrf\[lerobot\]'"):
         call("export", run.path, tmp_path / "out")
+
+
+def test_train_learns_from_a_data_set_alone(
+    run, toy, toy_experiment, tmp_path, monkeypatch, capsys
+):
+    call("export", run.path, tmp_path / "out")
+    call("import", tmp_path / "out", tmp_path / "back")
+    out = tmp_path / "cloned"
+    words = ["train", toy_experiment, "--data", tmp_path / "back", "--out", out]
+    monkeypatch.setattr(sys, "argv", ["clothrf", *map(str, words)])
+    with pytest.raises(SystemExit) as end:
+        cli.main()
+    assert not end.value.code
+    assert "16 samples" in capsys.readouterr().out
+    assert not (out / "dataset").exists()
+    assert (out / "policy" / "clothrf.json").exists()
+    assert (out / "report.html").exists()
