@@ -10,8 +10,6 @@ from clothrf_core.dataset import Dataset, Rollout, write_rollout
 from clothrf_core.files import names_digest
 from clothrf_core.run_folder import RunFolder
 
-pytest.importorskip("pyarrow")
-
 NAMES = tuple(f"bin {i}" for i in range(5))
 TASKS = ("straight", "bent")
 

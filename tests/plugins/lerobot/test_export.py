@@ -4,17 +4,20 @@ import io
 import json
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
 import pytest
-from clothrf_lerobot import writer
-from clothrf_lerobot.reader import import_dataset
-from clothrf_lerobot.source import open_source
 
 from clothrf_core import files
 from clothrf_core.dataset import read_rollout
 from clothrf_core.errors import DataError
 from clothrf_core.registry import Registry
+
+pytest.importorskip("pyarrow", reason="needs the extra 'lerobot'")
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+from clothrf_lerobot import writer
+from clothrf_lerobot.reader import import_dataset
+from clothrf_lerobot.source import open_source
 
 F32, F64, I64 = pa.float32(), pa.float64(), pa.int64()
 FILE = "chunk-000/file-{:03d}.parquet"

@@ -3,13 +3,7 @@
 import json
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
 import pytest
-from clothrf_lerobot import writer
-from clothrf_lerobot.layout import Info, parse_info
-from clothrf_lerobot.reader import import_dataset
-from clothrf_lerobot.source import open_source
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -18,6 +12,15 @@ from clothrf_core.dataset import Dataset, read_rollout
 from clothrf_core.errors import DataError
 from clothrf_core.registry import Registry
 from clothrf_core.run_folder import RunFolder
+
+pytest.importorskip("pyarrow", reason="needs the extra 'lerobot'")
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+from clothrf_lerobot import writer
+from clothrf_lerobot.layout import Info, parse_info
+from clothrf_lerobot.reader import import_dataset
+from clothrf_lerobot.source import open_source
 
 DATA = "data/chunk-000/file-000.parquet"
 LENGTHS = (3, 4, 5, 4)

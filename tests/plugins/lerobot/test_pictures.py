@@ -4,16 +4,19 @@ import dataclasses
 import io
 
 import numpy as np
-import pyarrow.parquet as pq
 import pytest
-from clothrf_lerobot import writer
-from clothrf_lerobot.layout import COLOUR, DEPTH
-from clothrf_lerobot.reader import import_dataset
-from clothrf_lerobot.source import open_source
 
 from clothrf_core.compose import cached_workshop
 from clothrf_core.dataset import read_rollout, write_rollout
 from clothrf_core.errors import DataError
+
+pytest.importorskip("pyarrow", reason="needs the extra 'lerobot'")
+
+import pyarrow.parquet as pq
+from clothrf_lerobot import writer
+from clothrf_lerobot.layout import COLOUR, DEPTH
+from clothrf_lerobot.reader import import_dataset
+from clothrf_lerobot.source import open_source
 
 av = pytest.importorskip("av")
 
