@@ -81,6 +81,15 @@ def page(
             [words.RESERVATIONS],
             ("printed", tables.printed(study, found)),
         ),
+        Part(
+            "Leaves against the amount of data",
+            [
+                "The paper expects the number of leaves to converge. With its stopping rule, an "
+                "impurity decrease below 1e-4, it cannot at these sizes: parting two samples of "
+                "different label gains more than that."
+            ],
+            ("leaves", tables.leaves(study, found)),
+        ),
         Part("By task", table=("by_task", tables.by_task(study, found))),
     ]
     if found["dagger"]:

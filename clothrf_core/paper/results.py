@@ -50,10 +50,12 @@ def table(space: Workspace, missing: Mapping[str, str]) -> Iterable[dict[str, An
                 for repeat in range(space.size.seeds)
             ]
             tests = [cell["tests"][stages.TEST] for cell in cells]
+            grown = [cell["facts"].get("leaves") for cell in cells]
             yield {
                 "controller": controller,
                 "share": share,
                 "samples": number(cell["samples"] for cell in cells),
+                "leaves": None if None in grown else number(grown),
                 **errors(tests),
                 "tasks": {
                     task: errors([test["tasks"][task] for test in tests])

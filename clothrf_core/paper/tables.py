@@ -44,6 +44,18 @@ def long(found: Rows) -> Table:
     return lines
 
 
+def leaves(study: Study, found: Rows) -> Table:
+    """Leaves of every forest against the amount of data."""
+    shares = sorted({row["share"] for row in found["table"]})
+    lines = [["forest", *(f"{share:.0%}" for share in shares)]]
+    for name in controllers(study, found):
+        rows = {row["share"]: row["leaves"] for row in chosen(found["table"], controller=name)}
+        if all(rows.values()):
+            cells = [_number(rows.get(share), 0) for share in shares]
+            lines.append([study.controllers[name].title, *cells])
+    return lines
+
+
 def printed(study: Study, found: Rows) -> Table:
     """Mean squares per coordinate: what the paper prints, and ours below."""
     shares = sorted({share for row in study.printed.values() for share in row.shares})
