@@ -17,7 +17,7 @@ from clothrf_core.evaluation import confidence_curve, judged, predictions
 from clothrf_core.interfaces import Policy
 from clothrf_core.paper import data
 from clothrf_core.registry import Registry
-from clothrf_core.types import Features, Float
+from clothrf_core.types import DatasetView, Features, Float
 
 FIT_STREAM = 11  # spawn key of the fits, apart from roll-outs and DAgger
 
@@ -70,7 +70,7 @@ class FitJob:
         start = time.perf_counter()
         facts = {k: float(v) for k, v in policy.fit(view, rng).items() if not k.endswith("_s")}
         fitted = time.perf_counter()
-        tests, confidence, curve = {}, np.zeros(0), np.zeros((0, 3))
+        tests, curve = {}, np.zeros((0, 3))
         rows = 0
         for number, (name, folder) in enumerate(self.tests):
             test = data.tasks(data.columns(data.test_view(folder), self.columns), self.tasks)
@@ -78,12 +78,13 @@ class FitJob:
             tests[name] = judged(test, targets, sure)
             rows += len(test) * len(test.tasks)
             if number == 0:
-                confidence, curve = sure, confidence_curve(test.labels, targets, sure)
+                curve = confidence_curve(test.labels, targets, sure)
         asked = time.perf_counter()
-        strange = {
-            name: auroc(confidence, trust(policy, folder, self.columns))
-            for name, folder in self.strange
-        }
+        strange = {}
+        if self.strange:
+            normal = trust(policy, self.tests[0][1], self.columns)
+            for name, folder in self.strange:
+                strange[name] = auroc(normal, trust(policy, folder, self.columns))
         if self.keep:
             compose.save_policy(Path(self.keep), policy, resolved, view.names)
         return {
@@ -95,15 +96,15 @@ class FitJob:
             "seconds": {"fit": fitted - start, "act_us": 1e6 * (asked - fitted) / max(rows, 1)},
         }
 
-    def _rows(self) -> Any:
-        view = data.training_view(self.train)
+    def _rows(self) -> DatasetView:
+        view = data.columns(data.training_view(self.train), self.columns)
         chosen = np.asarray(view.groups) < self.rollouts
         if self.own:
             led = np.array([task in self.tasks for task in data.leaders(self.train)])
             chosen &= led[np.asarray(view.groups)]
         if not chosen.all():
             view = view.rows(chosen)
-        return data.tasks(data.columns(view, self.columns), self.tasks)
+        return data.tasks(view, self.tasks)
 
 
 def trust(policy: Policy, folder: str, beginnings: tuple[str, ...]) -> Float:
