@@ -43,6 +43,7 @@ class Cloths:
         self._numbers = np.stack([w.numbers for w in weaves])
         self._layers = np.stack([w.layers for w in weaves])
         self._triangles = weaves[0].mesh.triangles.astype(np.int64)
+        self._lift = spread(weaves[0], self._pins)
         self._bands = [self._band()]
 
     def _band(self) -> NDArray[np.float32]:
@@ -91,7 +92,7 @@ class Cloths:
             numbers = self._numbers[where] + np.array([0.0, extra_drag, 0.0])
             sheets = (*(array[where] for array in self._sheets), numbers, self._layers[where])
             goals = targets[where]
-            topology = (self._free, self._ends, self._columns, self._triangles)
+            topology = (self._free, self._ends, self._columns, self._triangles, self._lift)
             tally = np.zeros((len(part), 2), np.int64)
             columns = self._shape[1]
             advance(x, v, self._pins, goals, sheets, *topology, dt, effort, band, columns, tally)
@@ -103,3 +104,20 @@ class Cloths:
             return work(parts[0], self._bands[0])
         with ThreadPoolExecutor(len(parts)) as pool:
             return np.concatenate(list(pool.map(work, parts, self._bands)))
+
+
+def spread(weave: Weave, pins: NDArray[np.int64]) -> Float:
+    """(P, V) bilinear weights of four pinned corners; zeros where others are pinned.
+
+    Of the grid alone, so that cloths of all sizes in a batch get the same bits.
+    """
+    rows, columns = weave.rows, weave.columns
+    result = np.zeros((len(pins), rows * columns))
+    if len(pins) != 4 or not np.array_equal(pins, weave.mesh.corners):
+        return result
+    row, column = np.divmod(np.arange(rows * columns), columns)
+    for p, corner in enumerate(pins):
+        r, c = divmod(int(corner), columns)
+        along = 1.0 - np.abs(row - r) / (rows - 1)
+        result[p] = along * (1.0 - np.abs(column - c) / (columns - 1))
+    return result

@@ -149,7 +149,7 @@ def descend(x, sheet, past, effort, scratch):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def advance(  # type: ignore[no-untyped-def]
-    x, v, pins, targets, sheets, free, ends, columns, triangles, dt, effort, A, S, tally
+    x, v, pins, targets, sheets, free, ends, columns, triangles, lift, dt, effort, A, S, tally
 ):
     """Step N cloths of equal topology, one after the other, without the interpreter's lock.
 
@@ -165,6 +165,7 @@ def advance(  # type: ignore[no-untyped-def]
         ends: (4, 2) see `Sheet`.
         columns: C.
         triangles: (M, 3) of the mesh.
+        lift: (P, V) how much of a pinned vertex' unforeseen move the others are guessed to make.
         dt: seconds.
         effort: how hard to try.
         A: `band_shape` scratch, flat float32.
@@ -192,6 +193,7 @@ def advance(  # type: ignore[no-untyped-def]
         np.empty((6, num)),
     )
     begin = np.empty((len(pins), 3))
+    goals = np.empty((len(pins), 3))
     for c in range(count):
         sheet = Sheet(
             springs[c], lengths[c], limits[c], bending[c], mass[c], numbers[c], pins, free,
@@ -218,7 +220,15 @@ def advance(  # type: ignore[no-untyped-def]
                     goal = targets[c, p, i]
                     if s < effort.substeps - 1:
                         goal = begin[p, i] + t * (goal - begin[p, i])
-                    here[i, pins[p]] = goal
+                    goals[p, i] = goal
+            for p in range(len(pins)):
+                for i in range(3):
+                    sudden = goals[p, i] - xc[pins[p], i] - h * vc[pins[p], i]
+                    for a in range(num):
+                        here[i, a] += lift[p, a] * sudden
+            for p in range(len(pins)):
+                for i in range(3):
+                    here[i, pins[p]] = goals[p, i]
             find(past.x, here, triangles, columns, touching)
             evaluations, factors = descend(here, sheet, past, effort, scratch)
             tally[c, 0] += evaluations

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from clothrf_sapien.bench_motions import motion
-from clothrf_sapien.cloth import Cloths
+from clothrf_sapien.cloth import Cloths, spread
 from clothrf_sapien.config import ClothOptions
 from clothrf_sapien.simulator import ClothSimulator
 from clothrf_sapien.truths import (
@@ -84,3 +84,14 @@ def test_the_cloth_comes_to_rest_when_nothing_moves(task) -> None:
 
     # A Newton tolerance of 1 mm, whatever the travel, left 90 mm/s here.
     assert np.abs(state.velocities).max() < 2e-3
+
+
+def test_what_one_corner_does_unforeseen_the_sheet_is_guessed_to_share_bilinearly() -> None:
+    w = woven((5, 7), fabric=FABRIC)
+
+    share = spread(w, w.mesh.corners.astype(np.int64))
+
+    np.testing.assert_allclose(share.sum(axis=0), 1.0, atol=1e-12)
+    np.testing.assert_allclose(share[:, w.mesh.corners], np.eye(4), atol=1e-12)
+    np.testing.assert_allclose(share.T @ w.mesh.rest[w.mesh.corners], w.mesh.rest, atol=1e-12)
+    assert not spread(w, np.array([0, 1, 2])).any()
