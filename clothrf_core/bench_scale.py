@@ -8,6 +8,7 @@ import signal
 import tempfile
 import threading
 import time
+from dataclasses import dataclass
 from pathlib import Path
 
 from clothrf_core import config
@@ -24,7 +25,7 @@ def two_workers(quick: bool) -> list[Figure]:  # noqa: FBT001
     """Throughput of two Dask workers over one; roll-outs of 100 steps."""
     from clothrf_core.cluster import Cluster
 
-    count = 8 if quick else 40
+    count, many = (8, 200) if quick else (40, 2000)
     seconds = {}
     with tempfile.TemporaryDirectory() as name:
         path, tasks = resolved_file(Path(name), "three_tasks.toml", {}, Registry.installed())
@@ -37,10 +38,56 @@ def two_workers(quick: bool) -> list[Figure]:  # noqa: FBT001
                 start = time.perf_counter()
                 collect(jobs[4:], runner)
                 seconds[workers] = time.perf_counter() - start
+                start = time.perf_counter()
+                collect([Nothing(i) for i in range(many)], runner)
+                handling_s = (time.perf_counter() - start) / many
             finally:
                 runner.close()
+        size = (Path(name) / "w1" / "4.npz").stat().st_size
     detail = {"rollouts": count, "one_s": seconds[1], "two_s": seconds[2]}
-    return [Figure("dask_two_workers", seconds[1] / seconds[2], "ratio", detail)]
+    return [
+        Figure("dask_two_workers", seconds[1] / seconds[2], "ratio", detail),
+        _hundred_workers(seconds[1] / count, handling_s, size),
+    ]
+
+
+@dataclass(frozen=True, slots=True)
+class Nothing:
+    """A job that costs what the scheduler costs."""
+
+    index: int
+
+    @property
+    def name(self) -> str:
+        """How messages call it."""
+        return f"nothing {self.index}"
+
+    def run(self) -> str:
+        """Nothing."""
+        return self.name
+
+
+def _hundred_workers(rollout_s: float, handling_s: float, size: int) -> Figure:
+    """What 100 workers would saturate, from what one roll-out costs everybody.
+
+    A roll-out keeps a worker busy for `rollout_s`, the scheduler and this process for `handling_s`
+    (measured with jobs that do nothing), and the shared folder for `size` bytes. So the scheduler
+    is full at ``rollout_s / handling_s`` workers; a folder of 100 MB/s (a gigabit network, or one
+    disk) at ``100 MB/s * rollout_s / size``. The smaller one is the bottleneck.
+    """
+    scheduler = rollout_s / handling_s
+    folder = 1e8 * rollout_s / size
+    detail = {
+        "bottleneck": "scheduler and submitting process" if scheduler < folder else "shared folder",
+        "scheduler_rollouts_per_s": 1.0 / handling_s,
+        "scheduler_full_at_workers": scheduler,
+        "folder_full_at_workers": folder,
+        "rollout_s": rollout_s,
+        "rollout_bytes": size,
+        "samples_per_s_of_100": min(100.0, scheduler, folder) * 100.0 / rollout_s,
+        "folder_mb_per_s_of_100": min(100.0, scheduler, folder) * size / rollout_s / 1e6,
+    }
+    return Figure("dask_saturation_workers", min(scheduler, folder), "workers", detail)
 
 
 def killed_worker(quick: bool) -> list[Figure]:  # noqa: FBT001
