@@ -32,6 +32,7 @@ def row(quick: bool) -> list[Figure]:  # noqa: FBT001  the hook's signature
     from sklearn.ensemble import RandomForestRegressor
 
     from clothrf_forest.answer import EXTRA, answer_in_numpy, prepared
+    from clothrf_forest.bench_peers import peers
 
     view = synthetic_rows(2_000 if quick else 10_000)
     forest = Forest(ForestConfig(trees=100))
@@ -48,6 +49,7 @@ def row(quick: bool) -> list[Figure]:  # noqa: FBT001  the hook's signature
     peer = RandomForestRegressor(100, max_features="sqrt", max_depth=20, n_jobs=1, random_state=0)
     peer.fit(view.features, view.labels[:, 0].reshape(len(view), 6))
     theirs = _times([functools.partial(peer.predict, r.values[None]) for r in rows[:50]], 50)
+    others = peers(peer, np.stack([r.values for r in rows[:50]]), _times)
     return [
         Figure(
             "forest_row_us",
@@ -60,6 +62,7 @@ def row(quick: bool) -> list[Figure]:  # noqa: FBT001  the hook's signature
                 "sklearn_predict_us": statistics.median(theirs),
                 "times_faster_than_sklearn": statistics.median(theirs) / statistics.median(ours),
                 "leaves": forest.model.trees.num_leaves,
+                **others,
             },
         )
     ]
