@@ -53,6 +53,8 @@ def study(setting: Setting, path: Path, out: Path, *, workers: int = 0) -> list[
         stages.closed_loops(space, missing),
     ]
     setting.plan(sum(one.seconds for part in parts for one in part))
+    # A worker keeps the data set of its last fit, which loky would take for a leak.
+    os.environ.setdefault("LOKY_MAX_MEMORY_LEAK_SIZE", "8e9")
     runner = engine(section)
     try:
         for part in parts:

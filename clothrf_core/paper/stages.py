@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from clothrf_core import config
 from clothrf_core.errors import ClothrfError
 from clothrf_core.evaluation import EpisodeJob
 from clothrf_core.paper import data
@@ -257,13 +258,16 @@ def live_policies(space: Workspace, missing: dict[str, str], repeat: int) -> dic
 def closed_loops(space: Workspace, missing: dict[str, str]) -> list[Work]:
     """Every controller alone under noise, on every task and on sequences of them."""
     study, size = space.study, space.size
-    tasks = data.layout(space.experiment(LIVE))[1]
+    path = space.experiment(LIVE)
+    tasks = data.layout(path)[1]
+    rate = config.load(path, space.registry).experiment.run.rate_hz
+    once = round(len(tasks) * study.sequence_s * rate)  # every task of a sequence in turn
     work: list[Work] = []
     for repeat in range(size.dagger_seeds):
         for name, folder in live_policies(space, missing, repeat).items():
             for index in range(size.episodes):
                 plain = EpisodeJob(
-                    config=str(space.experiment(LIVE)),
+                    config=str(path),
                     policy=folder,
                     task=tasks[0],
                     seed=seed_of("episode", repeat),
@@ -274,10 +278,12 @@ def closed_loops(space: Workspace, missing: dict[str, str]) -> list[Work]:
                 )
                 jobs = {task: dataclasses.replace(plain, task=task) for task in tasks}
                 if len(tasks) > 1:
-                    jobs["sequence"] = dataclasses.replace(plain, then=tuple(tasks[1:]))
+                    jobs["sequence"] = dataclasses.replace(
+                        plain, then=tuple(tasks[1:]), targets=once, max_steps=once
+                    )
                 for task, job in jobs.items():
                     out = live_path(space, name, task, repeat, index)
-                    work.append(Cell(job, str(out), size.max_steps * EPISODE_STEP_S))
+                    work.append(Cell(job, str(out), job.max_steps * EPISODE_STEP_S))
     return work
 
 

@@ -1,6 +1,6 @@
 import numpy as np
 
-from clothrf_core.evaluation import confidence_curve, error_numbers, interval
+from clothrf_core.evaluation import EpisodeJob, confidence_curve, error_numbers, interval
 
 
 def test_error_is_per_coordinate(rng):
@@ -30,3 +30,9 @@ def test_the_confidence_curve_finds_the_error_of_each_bin():
     targets = np.where(np.arange(100)[:, None, None, None] < 50, 0.03, 0.01) + labels
     curve = confidence_curve(labels, targets, confidence)
     assert np.allclose(curve, [[0.15, 30.0, 50], [0.95, 10.0, 50]])
+
+
+def test_a_sequence_asks_for_its_tasks_in_turn():
+    job = EpisodeJob("", "", "straight", 0, 0, 1, 10, then=("bent", "twisted"), every_s=2.0)
+    asked = [job.task_at(step / 30.0) for step in (0, 59, 60, 119, 120, 180)]
+    assert asked == ["straight", "straight", "bent", "bent", "twisted", "straight"]
