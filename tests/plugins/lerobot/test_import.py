@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from clothrf_core import config, imitation
@@ -202,6 +202,8 @@ def test_a_folder_without_info_is_named(tmp_path):
         import_dataset(tmp_path, tmp_path / "out")
 
 
+ANY_SPEED = settings(deadline=None, suppress_health_check=[HealthCheck.too_slow])
+
 JSON = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=8),
     lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=8), inner),
@@ -223,12 +225,14 @@ INFO = st.fixed_dictionaries(
 )
 
 
+@ANY_SPEED
 @given(JSON)
 def test_whatever_stands_in_an_info_it_is_refused_in_words(value):
     with pytest.raises(DataError, match="expected"):
         parse_info(value, "info.json")
 
 
+@ANY_SPEED
 @given(INFO)
 def test_a_good_info_is_read_and_every_number_has_a_name(value):
     info = parse_info(value, "info.json")
@@ -237,6 +241,7 @@ def test_a_good_info_is_read_and_every_number_has_a_name(value):
         assert len(feature.flat_names(key)) == int(np.prod(feature.shape, dtype=int))
 
 
+@ANY_SPEED
 @given(INFO, st.data())
 def test_a_good_info_with_one_thing_wrong_is_refused_by_its_name(value, data):
     key = data.draw(st.sampled_from(["fps", "features", "total_episodes", "total_frames"]))
