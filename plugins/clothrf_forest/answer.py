@@ -144,7 +144,7 @@ def answer_in_numpy(values: Float32, anchor: Float, of: Prepared, out: Float) ->
     knots, share, error = of.calibration
     sound = np.isfinite(targets).all() and np.isfinite(novelty)
     out[SPREAD], out[NOVELTY] = spread, novelty
-    doubt = spread * np.sqrt(max(float(novelty), 0.0))
+    doubt = spread * max(float(novelty), 0.0)
     out[CONFIDENCE] = familiar * np.interp(doubt, knots, share) if sound else 0.0
     out[ERROR] = np.interp(doubt, knots, error) if sound else np.inf
 

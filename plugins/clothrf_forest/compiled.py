@@ -125,6 +125,6 @@ def answer(values: Any, anchor: Any, of: Any, out: Any) -> None:
     out[d + 3] = np.inf
     if sound:
         knots = of.calibration[0]
-        doubt = spread * np.sqrt(novelty)
+        doubt = spread * novelty
         out[d + 2] = familiar * interpolated(doubt, knots, of.calibration[1])
         out[d + 3] = interpolated(doubt, knots, of.calibration[2])

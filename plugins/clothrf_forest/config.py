@@ -31,9 +31,9 @@ class ConfidenceConfig(Section):
         0.02, gt=0.0, description="confidence = P(RMS error per coordinate < this), m"
     )
     novelty: bool = Field(True, description="confidence falls to 0 on pictures unlike all trained")
-    components: int = Field(48, ge=1, le=256, description="principal directions of the novelty")
+    components: int = Field(96, ge=1, le=256, description="principal directions of the novelty")
     quantile: float = Field(
-        0.995, gt=0.5, lt=1.0, description="share of held-out rows that must not look novel"
+        0.98, gt=0.5, lt=1.0, description="share of held-out rows that must not look novel"
     )
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 
 import numpy as np
 
@@ -53,7 +54,7 @@ def assembled(
     """The model of a foundation and trees: leaves filled with the rows, confidence judged."""
     tasks, grasps = view.labels.shape[1:3]
     leaves, facts = _leaves(base, trees, tasks, config)
-    calibration, errors = _judged(base, trees, leaves, view.tasks, config)
+    leaves, calibration, errors = _judged(base, trees, leaves, view.tasks, config)
     model = Model(
         names=view.names,
         tasks=view.tasks,
@@ -111,18 +112,34 @@ def _leaves(
 
 def _judged(
     base: Foundation, trees: Grown, leaves: Leaves, tasks: tuple[str, ...], config: ForestConfig
-) -> tuple[Calibration, dict[str, float]]:
-    """Confidence and errors from the rows that each tree left out."""
-    found = out_of_bag(trees.leaf, trees.weights, leaves, len(tasks), base.rows.projections)
+) -> tuple[Leaves, Calibration, dict[str, float]]:
+    """The leaves, no louder than they deserve; confidence and errors.
+
+    All from the rows that each tree left out. Trees that learn what a good base leaves learn much
+    noise; the share of their answer that serves those rows best is what is kept of it.
+    """
+    asked = base.rows.projections
+    found = out_of_bag(trees.leaf, trees.weights, leaves, len(tasks), asked)
     m, d = found.prediction.shape
-    wrong = (base.residual[found.rows] - found.prediction).reshape(m, len(tasks), d // len(tasks))
-    doubt = found.spread * np.sqrt(base.scores[found.rows])[:, None]
+    residual = base.residual[found.rows]
+    kept = 1.0
+    if config.base != "none" and m > 0:
+        square = float((found.prediction**2).sum())
+        kept = float(np.clip((residual * found.prediction).sum() / max(square, 1e-300), 0.0, 1.0))
+        leaves = replace(
+            leaves,
+            values=leaves.values * np.float32(kept),
+            slopes=leaves.slopes * np.float32(kept),
+        )
+        found = out_of_bag(trees.leaf, trees.weights, leaves, len(tasks), asked)
+    wrong = (residual - found.prediction).reshape(m, len(tasks), d // len(tasks))
+    doubt = found.spread * base.scores[found.rows][:, None]
     error = np.sqrt((wrong**2).mean(2))
     calibration = calibrated(doubt, error, config.confidence.tolerance)
     if m == 0:
-        return calibration, {}
+        return leaves, calibration, {}
     errors = {f"oob_rms_mm_{task}": _rms_mm(wrong[:, t]) for t, task in enumerate(tasks)}
-    return calibration, {"oob_rms_mm": _rms_mm(wrong), **errors}
+    return leaves, calibration, {"oob_rms_mm": _rms_mm(wrong), "trees_kept": kept, **errors}
 
 
 def _rms_mm(wrong: Float) -> float:

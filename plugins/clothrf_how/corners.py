@@ -35,24 +35,32 @@ class Corners:
         points: (4, 3) touch, or outermost point.
         tips: (4, 3) tip of the holder, or outermost point.
         away: (4, 3) from the touch to the middle of the holder; zeros where none was found.
+        share: (4,) how much of the picture the holder fills.
+        foreign: how much of it something else does that is not cloth either.
     """
 
     seen: NDArray[np.bool_]
     points: Float
     tips: Float
     away: Float
+    share: Float
+    foreign: float
 
 
-def find_corners(cloud: Cloud, holders: Holders, layout: Layout) -> Corners:
-    """Corners from holders, and from the cloth's outermost points where there is none."""
+def find_corners(
+    cloud: Cloud, holders: Holders, layout: Layout, grasp: Float | None = None
+) -> Corners:
+    """Corners from holders, and from the cloth's outermost points where there is none.
+
+    The robot's two are where it measures them, (2, 3) `grasp`, m from the anchor, if that is known.
+    """
     outermost = farthest(cloud.points, cloud.mask, outward(layout), np.float32(BAND))
     seen = holders.seen[:, None]
-    return Corners(
-        seen=holders.seen,
-        points=np.where(seen, holders.points, outermost),
-        tips=np.where(seen, holders.tips, outermost),
-        away=holders.away,
-    )
+    points = np.where(seen, holders.points, outermost)
+    tips = np.where(seen, holders.tips, outermost)
+    if grasp is not None and np.isfinite(grasp).all():
+        points[2:], tips[2:] = grasp, grasp
+    return Corners(holders.seen, points, tips, holders.away, holders.share, holders.foreign)
 
 
 def outward(layout: Layout) -> Float32:
@@ -68,17 +76,21 @@ def outward(layout: Layout) -> Float32:
 
 
 def corners_names() -> tuple[str, ...]:
-    """72 names."""
+    """77 names."""
     names = [f"corners_{s}_seen" for s in SLOTS]
     for part in ("point", "tip", "away"):
         names += [f"corners_{s}_{part}_{a}" for s in SLOTS for a in "xyz"]
     names += [f"corners_{e}_{x}" for e in ("hands", "tips", "grasp") for x in EDGE]
     names += [f"corners_side{i}_{a}" for i in range(2) for a in (*"xyz", "length")]
+    names += [*(f"corners_{s}_share" for s in SLOTS), "corners_foreign"]
     return tuple(names)
 
 
 def corners(found: Corners) -> Float32:
-    """(72,) float32: corners, the edges between them, the sides from hand to grasp."""
+    """(77,) float32: corners, the edges between them, the sides from hand to grasp, who is there.
+
+    The shares are square roots, so that they grow like lengths.
+    """
     sides = found.points[2:] - found.points[:2]
     lengths = np.linalg.norm(sides, axis=1, keepdims=True)
     return np.concatenate(
@@ -91,6 +103,8 @@ def corners(found: Corners) -> Float32:
             edge(found.tips[0], found.tips[1]),
             edge(found.points[2], found.points[3]),
             np.concatenate([sides, lengths], axis=1).ravel(),
+            np.sqrt(found.share),
+            [np.sqrt(max(found.foreign, 0.0))],
         ]
     ).astype(np.float32)
 

@@ -75,12 +75,16 @@ class Holders:
         points: (4, 3) float64 middle of the touch; zeros where not seen.
         tips: (4, 3) float64 end of what touches that is turned to the cloth.
         away: (4, 3) float64 from there to the middle of what touches; zeros where not seen.
+        share: (4,) how much of the picture it fills.
+        foreign: the same of everything before the background that is neither cloth nor holder.
     """
 
     seen: NDArray[np.bool_]
     points: Float
     tips: Float
     away: Float
+    share: Float
+    foreign: float
 
 
 def find_holders(
@@ -98,6 +102,7 @@ def find_holders(
     """
     seen = np.zeros(4, bool)
     points, tips, away = np.zeros((4, 3)), np.zeros((4, 3)), np.zeros((4, 3))
+    share = np.zeros(4)
     label, size = surfaces(area.measured, area.state, SMOOTH, ODD, area.roi)
     start = (area.view.camera.T_world_camera[:3, 3] - anchor).astype(np.float32)
     table, boxes = touches(
@@ -122,7 +127,9 @@ def find_holders(
     for slot, which in slots(middle, end, reach, table[:, 4], layout, centre, known).items():
         seen[slot], points[slot], away[slot] = True, middle[which], reach[which]
         tips[slot] = end[which]
-    return Holders(seen, points, tips, away)
+        share[slot] = size[things[which]] / label.size
+    foreign = float(size[1:].sum() / label.size - share.sum())
+    return Holders(seen, points, tips, away, share, foreign)
 
 
 def slots(

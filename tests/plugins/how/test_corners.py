@@ -18,7 +18,7 @@ from clothrf_how.corners import (
     outward,
 )
 from clothrf_how.foreground import View, anchor, foreground
-from clothrf_how.holders import Layout, find_holders, tip, touches
+from clothrf_how.holders import Layout, find_holders, slots, tip, touches
 
 from clothrf_core.camera_model import back_project, project
 from clothrf_core.scene import Label, sphere
@@ -158,7 +158,8 @@ def test_an_edge_without_length_is_finite():
 
 def test_names_fit_and_a_case_fills_its_own_block_only():
     rng = np.random.default_rng(0)
-    found = Corners(np.array([True, False, True, True]), *(rng.random((4, 3)) for _ in range(3)))
+    parts = (rng.random((4, 3)) for _ in range(3))
+    found = Corners(np.array([True, False, True, True]), *parts, rng.random(4), 0.1)
 
     assert corners(found).shape == (len(corners_names()),)
     blocks = cases(found).reshape(4, -1)
@@ -166,6 +167,64 @@ def test_names_fit_and_a_case_fills_its_own_block_only():
     assert len(set(cases_names())) == blocks.size
     assert [bool(b.any()) for b in blocks] == [False, False, True, False]
     assert blocks[2, 0] == 1.0
+
+
+LEVEL = Layout(np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0]))
+
+
+def in_slots(middle, reach, grasp):
+    middle, reach = np.array(middle, float), np.array(reach, float)
+    return slots(middle, middle, reach, np.full(len(middle), 50.0), LEVEL, np.zeros(3), grasp)
+
+
+def test_grippers_above_each_other_are_told_apart_by_where_they_are_measured():
+    grasp = np.array([[-0.2, 0.0, 0.1], [-0.2, 0.0, -0.1]])
+    # Across, the second thing comes first; measured, it is the second gripper.
+    things = [[-0.2, 0.01, 0.1], [-0.2, -0.01, -0.1]]
+
+    assert in_slots(things, np.zeros((2, 3)), grasp) == {2: 0, 3: 1}
+    assert in_slots(things, np.zeros((2, 3)), None) == {2: 1, 3: 0}
+
+
+def test_a_gripper_on_the_persons_side_of_the_cloth_is_no_hand_if_it_is_measured_there():
+    grasp = np.array([[0.1, -0.15, 0.0], [0.1, 0.15, 0.0]])
+
+    found = in_slots([[0.1, 0.14, 0.0], [0.2, 0.1, 0.0]], [[0.0, 0.0, 0.0], [0.05, 0, 0]], grasp)
+
+    assert found == {3: 0, 1: 1}
+
+
+def test_an_unmeasured_grasp_is_what_the_picture_says():
+    things, reach = [[0.2, -0.1, 0.0], [-0.2, 0.1, 0.0]], [[0.05, 0, 0], [-0.05, 0, 0]]
+
+    assert in_slots(things, reach, None) == {0: 0, 3: 1}
+
+
+def test_the_robots_corners_are_where_it_measures_them(rig, held):
+    _, area = held
+    middle, layout = anchor(area), Layout.of(rig)
+    cloud, grasp = Cloud.of(area, middle), rig.rest_grasp - middle + 0.004
+    holders = find_holders(area, middle, layout, grasp)
+
+    known = find_corners(cloud, holders, layout, grasp)
+    unknown = find_corners(cloud, holders, layout, np.full((2, 3), np.nan))
+
+    np.testing.assert_allclose(known.points[2:], grasp)
+    assert np.isfinite(unknown.points).all()
+    assert np.linalg.norm(unknown.points[2:] - grasp, axis=1).max() < 0.06
+
+
+def test_what_is_neither_cloth_nor_holder_is_foreign(rig, held):
+    frame, area = held
+    clean = find_holders(area, anchor(area), Layout.of(rig))
+    over = frame.camera.T_world_camera[:3, 3] * 0.4 + anchor(area) * 0.6
+    strange = _with_arm(frame, over, np.array([0.0, 1.0, 0.0]), SKIN, 0.03)
+    there = foreground(strange, area.view, rig.foreground, ForegroundOptions())
+
+    found = find_holders(there, anchor(there), Layout.of(rig))
+
+    assert clean.foreign < 0.002
+    assert found.foreign > clean.foreign + 0.01
 
 
 def test_without_a_rig_the_person_stands_behind_the_camera(rig):
