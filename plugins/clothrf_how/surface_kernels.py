@@ -17,6 +17,41 @@ def _root(parent: NDArray[np.int32], a: int) -> int:
     return a
 
 
+@njit(cache=True, nogil=True)
+def _cut(
+    y: int,
+    row: NDArray[np.float32],
+    state: NDArray[np.uint8],
+    limit: np.float32,
+    wanted: np.uint8,
+    x0: int,
+    x1: int,
+    runs: NDArray[np.int32],
+    parent: NDArray[np.int32],
+    count: int,
+) -> int:
+    """Append the runs of one row; how many there are then."""
+    some = np.uint8(0)
+    for x in range(x0, x1):
+        some |= np.uint8(state[x] == wanted)
+    if some == 0:
+        return count
+    inside = False
+    for x in range(x0, x1):
+        here = state[x] == wanted
+        if inside and not (here and abs(row[x] - row[x - 1]) < limit):
+            runs[count - 1, 2] = x
+            inside = False
+        if here and not inside:
+            runs[count, 0], runs[count, 1] = y, x
+            parent[count] = count
+            count += 1
+            inside = True
+    if inside:
+        runs[count - 1, 2] = x1
+    return count
+
+
 # Runs of pixels instead of pixels: 45 us instead of 134 for a cloth on a third of 320 x 240.
 @njit(cache=True, nogil=True)
 def surfaces(
@@ -45,30 +80,20 @@ def surfaces(
     x0, y0, x1, y1 = box
     label = np.zeros(z.shape, np.int32)
     limit = np.float32(jump)
+    kind = np.uint8(wanted)
     # Row, first and one past the last column of each run; parents for the union-find.
     runs = np.empty((max(64, 4 * (y1 - y0)), 3), np.int32)
     parent = np.empty(len(runs), np.int32)
     count = 0
     above = upper = 0
     for y in range(y0, y1):
-        row, kind = z[y], state[y]
-        first = count
-        x = x0
-        while x < x1:
-            if kind[x] != wanted:
-                x += 1
-                continue
-            start = x
-            x += 1
-            while x < x1 and kind[x] == wanted and abs(row[x] - row[x - 1]) < limit:
-                x += 1
-            if count == len(runs):
-                more, parents = np.empty((2 * count, 3), np.int32), np.empty(2 * count, np.int32)
-                more[:count], parents[:count] = runs, parent
-                runs, parent = more, parents
-            runs[count, 0], runs[count, 1], runs[count, 2] = y, start, x
-            parent[count] = count
-            count += 1
+        if count + x1 - x0 >= len(runs):
+            size = 2 * (count + x1 - x0) + 64
+            more, parents = np.empty((size, 3), np.int32), np.empty(size, np.int32)
+            more[:count], parents[:count] = runs[:count], parent[:count]
+            runs, parent = more, parents
+        row, first = z[y], count
+        count = _cut(y, row, state[y], limit, kind, x0, x1, runs, parent, count)
         # Runs above and here, both from left to right.
         k = above
         for n in range(first, count):
