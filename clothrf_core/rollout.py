@@ -114,8 +114,8 @@ def roll_out(shop: Workshop, job: RolloutJob, policy: Policy | None) -> Rollout:
 
     Between two looks the learner's last answer holds, and the expert, who needs no picture, goes
     on following the hands. So samples lie farther apart in time than control steps, at no cost in
-    pictures: 2,000 samples taken at every third step are worth more than as many taken at every
-    step (held-out RMS 8.3 against 12.1 mm, straight task).
+    pictures: 10,000 samples of 200 roll-outs at every sixth step give 8.4 mm where as many of 100
+    roll-outs at every third step give 10.0 mm (three tasks, SR300 noise, held out).
     """
     world_seed, coin_seed, disturb_seed = stream(
         job.seed, job.kind, job.iteration, job.index

@@ -50,9 +50,9 @@ class TrainingSection(Section):
     """`[training]`: DAgger (Ross, Gordon, Bagnell 2011)."""
 
     iterations: int = Field(20, ge=1, description="N")
-    rollouts: int = Field(5, ge=1, description="a iteration")
-    steps: int = Field(100, ge=1, description="samples a roll-out")
-    stride: int = Field(3, ge=1, description="control steps from one sample to the next")
+    rollouts: int = Field(10, ge=1, description="an iteration")
+    steps: int = Field(50, ge=1, description="samples a roll-out")
+    stride: int = Field(6, ge=1, description="control steps from one sample to the next")
     from_rest: float = Field(
         0.5,
         ge=0.0,
@@ -85,8 +85,8 @@ class CollectionSection(Section):
 class EvaluationSection(Section):
     """`[evaluation]`: held-out roll-outs and closed loop."""
 
-    rollouts: int = Field(10, ge=2, description="held-out roll-outs; never trained on")
-    steps: int = Field(100, ge=1, description="samples of each")
+    rollouts: int = Field(20, ge=2, description="held-out roll-outs; never trained on")
+    steps: int = Field(50, ge=1, description="samples of each")
     disturbance: float = Field(
         0.02, ge=0.0, description="m, OU noise on the grasp of every second held-out roll-out"
     )

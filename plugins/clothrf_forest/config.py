@@ -56,7 +56,7 @@ class ForestConfig(Section):
         "(ridge), or also in the products of their main directions; or none",
     )
     curve_directions: int = Field(
-        24,
+        32,
         ge=0,
         le=64,
         description="principal directions of the features in the products of a quadratic base; "

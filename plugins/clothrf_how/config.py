@@ -39,6 +39,11 @@ class ForegroundOptions(Section):
     halve: bool = Field(
         True, description="work on 2 x 2 pixel blocks (320 x 240 of 640 x 480); False = every pixel"
     )
+    median: Literal[1, 3, 5] = Field(
+        3,
+        description="depth is the median of so many pixels squared, 1 = as measured; a sensor "
+        "twice as noisy as any that was trained on does not tear the cloth to pieces",
+    )
     jump: float = Field(
         0.02, gt=0.0, description="m; neighbours farther apart in depth are not one surface"
     )

@@ -101,6 +101,9 @@ def foreground(
         np.array(where.low, np.float32),
         np.array(where.high, np.float32),
     )
+    if options.median > 1:
+        calm = np.asarray(cv2.medianBlur(src=z, ksize=options.median), np.float32)
+        np.copyto(z, calm, where=(z > 0.0) & (calm > 0.0))
     roi = kernels.reach(state, kernels.CANDIDATE)
     if where.hue is not None:
         wrong = ~hue_mask(block_colour(frame.rgb, view.factor), where)

@@ -28,6 +28,8 @@ TOUCH = 0.08
 TIP = 0.008
 # Working pixels of a touch, and of the thing that touches, below which it is noise.
 LEAST_TOUCH = 4
+# Working pixels that may lie between a thing and the cloth that it holds.
+GAP = 5
 LEAST_AREA = 20
 # A thing's pixels over its touching ones, at least: a fringe of the cloth's rim in the background's
 # colour (colour and depth never match to the pixel) touches with every pixel it has.
@@ -239,8 +241,9 @@ def touches(
     """(labels + 1, 8): touching pixels, the sum of their cloth points, area, the sum of all points.
 
     And (labels + 1, 4): the half-open box (x0, y0, x1, y1) of each label's pixels. A pixel of a
-    thing touches the cloth if one of its four neighbours is cloth within `touch` of its depth; the
-    point counted is the cloth's. All of it lies in `roi`.
+    thing touches the cloth if, in one of the four directions, the next pixel of a thing or the
+    cloth is cloth, at most `GAP` farther and within `touch` of its depth; the point counted is the
+    cloth's. All of it lies in `roi`.
     """
     h, w = label.shape
     table = np.zeros((size.size, 8))
@@ -263,8 +266,19 @@ def touches(
             for axis in range(3):
                 table[n, 5 + axis] += start[axis] + d * directions[axis, y, x]
             for k in range(4):
-                j = y + (1 if k == 0 else (-1 if k == 1 else 0))
-                i = x + (1 if k == 2 else (-1 if k == 3 else 0))
+                down = 1 if k == 0 else (-1 if k == 1 else 0)
+                right = 1 if k == 2 else (-1 if k == 3 else 0)
+                j, i = y + down, x + right
+                gap = 0
+                # Next to an edge depth sensors see nothing, or specks of anything.
+                while (
+                    gap < GAP
+                    and 0 <= j < h
+                    and 0 <= i < w
+                    and not mask[j, i]
+                    and (label[j, i] == 0 or size[label[j, i]] < LEAST_AREA)
+                ):
+                    j, i, gap = j + down, i + right, gap + 1
                 if not (0 <= j < h and 0 <= i < w) or not mask[j, i]:
                     continue
                 c = depth[j, i]

@@ -18,7 +18,7 @@ from clothrf_how.corners import (
     outward,
 )
 from clothrf_how.foreground import View, anchor, foreground
-from clothrf_how.holders import Layout, find_holders, slots, tip, touches
+from clothrf_how.holders import GAP, LEAST_AREA, Layout, find_holders, slots, tip, touches
 
 from clothrf_core.camera_model import back_project, project
 from clothrf_core.scene import Label, sphere
@@ -260,24 +260,31 @@ def test_compiled_touches_and_tip_equal_plain_python():
     mask = (label == 0) & (rng.random((h, w)) < 0.6)
     depth = (mask * (0.5 + 0.1 * rng.random((h, w)))).astype(np.float32)
     measured = (0.5 + 0.1 * rng.random((h, w))).astype(np.float32)
+    label[(label == 0) & (rng.random((h, w)) < 0.05)] = 3  # specks
+    mask &= label == 0
     rays = rng.random((3, h, w)).astype(np.float32)
     start = rng.random(3).astype(np.float32)
-    size = np.array([0, 24, 6], np.int32)
+    size = np.array([0, 24, 26, 5], np.int32)
 
     got, boxes = touches(label, size, mask, depth, measured, rays, start, 0.05, (2, 2, 9, 11))
 
-    want = np.zeros((3, 8))
-    for y, x in np.argwhere(label > 0):
+    want = np.zeros((4, 8))
+    roi = np.zeros((h, w), bool)
+    roi[2:11, 2:9] = True
+    for y, x in np.argwhere((label > 0) & roi):
         n = label[y, x]
         want[n, 4] += 1
         want[n, 5:] += start + measured[y, x] * rays[:, y, x]
-        for j, i in ((y + 1, x), (y - 1, x), (y, x + 1), (y, x - 1)):
-            inside = 0 <= j < h and 0 <= i < w
-            if inside and mask[j, i] and abs(depth[j, i] - measured[y, x]) < np.float32(0.05):
+        for down, right in ((1, 0), (-1, 0), (0, 1), (0, -1)):
+            way = [(y + n * down, x + n * right) for n in range(1, GAP + 2)]
+            inside = [(j, i) for j, i in way if 0 <= j < h and 0 <= i < w]
+            known = [(j, i) for j, i in inside if mask[j, i] or size[label[j, i]] >= LEAST_AREA]
+            j, i = known[0] if known else (y, x)
+            if mask[j, i] and abs(depth[j, i] - measured[y, x]) < np.float32(0.05):
                 want[n, 0] += 1
                 want[n, 1:4] += start + depth[j, i] * rays[:, j, i]
     np.testing.assert_allclose(got, want, atol=1e-5)
-    np.testing.assert_array_equal(boxes[1:], [[3, 2, 9, 6], [2, 8, 4, 11]])
+    np.testing.assert_array_equal(boxes[1:3], [[3, 2, 9, 6], [2, 8, 4, 11]])
 
     away = np.array([0.3, -0.2, 0.1])
     p = (start[:, None, None] + measured * rays)[:, label == 1]
