@@ -100,41 +100,44 @@ class FolderCamera(Camera):
         if self._pool is None or self._model is None:
             raise StaleFrame(f"{self._folder}: the camera is closed; use it in a `with` block")
         index = self._next
-        if self._config.playback == "realtime":
-            index = self._due(index, timeout_s)
+        self._decode_ahead(index)
+        realtime = self._config.playback == "realtime"
+        if realtime:
+            index = self._newest(index, timeout_s)
         if index >= len(self._files) and not self._config.loop:
             raise StaleFrame(f"{self._folder}: all {len(self._files)} pictures have been played")
         decoded = self._decoded(index)
+        if realtime and self._start_ns is None:
+            self._start_ns = self._clock.now_ns()
         self._next = index + 1
         stamp = self._offset(index) + (
             self._start_ns if self._start_ns is not None else (self._files[0].stamp_ns or 0)
         )
-        return RgbdFrame(
+        frame = RgbdFrame(
             stamp_ns=stamp,
             rgb=decoded.rgb,
             depth=decoded.depth,
             camera=self._model,
         )
+        if realtime:  # last, so that a picture is there whole when its time comes
+            self._clock.sleep_until_ns(stamp)
+        return frame
 
-    def _due(self, index: int, timeout_s: float) -> int:
-        """The newest picture that has appeared, at or after `index`; waits for it if need be."""
-        now = self._clock.now_ns()
+    def _newest(self, index: int, timeout_s: float) -> int:
+        """The newest picture that has appeared, at or after `index`; else `index`, to wait for."""
         if self._start_ns is None:
-            self._start_ns = now
             return index
         last = None if self._config.loop else len(self._files) - 1
-        appears = self._start_ns + self._offset(index)
         if last is not None and index > last:
             return index
-        if appears > now:
-            if appears - now > timeout_s * 1e9:
-                self._clock.sleep_until_ns(now + round(timeout_s * 1e9))
-                raise StaleFrame(
-                    f"{self._folder}: no new picture within {timeout_s:g} s; the next one is due "
-                    f"after {(appears - now) * 1e-9:.2f} s"
-                )
-            self._clock.sleep_until_ns(appears)
-            return index
+        now = self._clock.now_ns()
+        appears = self._start_ns + self._offset(index)
+        if appears - now > timeout_s * 1e9:
+            self._clock.sleep_until_ns(now + round(timeout_s * 1e9))
+            raise StaleFrame(
+                f"{self._folder}: no new picture within {timeout_s:g} s; the next one is due "
+                f"after {(appears - now) * 1e-9:.2f} s"
+            )
         newest = index
         while (last is None or newest < last) and self._start_ns + self._offset(newest + 1) <= now:
             newest += 1
@@ -146,18 +149,31 @@ class FolderCamera(Camera):
         lap, i = divmod(index, len(self._files))
         return lap * self._cycle_ns + self._offsets[i]
 
-    def _decoded(self, index: int) -> _Decoded:
-        """The picture `index`, decoded in advance where possible."""
+    def _decode_ahead(self, index: int) -> None:
+        """Start decoding the pictures from `index` on.
+
+        `read` calls it before it waits: decoding fills the wait. Started when a picture is handed
+        over, it would take the caller's caches and interpreter while the picture is worked on.
+        """
         assert self._pool is not None
-        while self._ahead and self._ahead[0][0] < index:
-            self._ahead.popleft()[1].cancel()
+        self._forget(index)
         first = self._ahead[-1][0] + 1 if self._ahead else index
         for i in range(first, index + self._config.read_ahead):
             if i < len(self._files) or self._config.loop:
                 file = self._files[i % len(self._files)]
                 self._ahead.append((i, self._pool.submit(self._decode, file)))
-        _, future = self._ahead.popleft()
-        return future.result()
+
+    def _decoded(self, index: int) -> _Decoded:
+        """The picture `index`, decoded in advance where possible."""
+        self._forget(index)
+        if not self._ahead:
+            self._decode_ahead(index)
+        return self._ahead.popleft()[1].result()
+
+    def _forget(self, index: int) -> None:
+        """Drop what was decoded of pictures before `index`."""
+        while self._ahead and self._ahead[0][0] < index:
+            self._ahead.popleft()[1].cancel()
 
     def _decode(self, file: PictureFiles) -> _Decoded:
         assert self._model is not None
