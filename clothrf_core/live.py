@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -22,9 +23,13 @@ from clothrf_core.limits import Limits
 from clothrf_core.loop import Controller, Observer, Step
 from clothrf_core.opening import CameraAround
 from clothrf_core.provider import BuildContext
+from clothrf_core.punctual import alone, punctual
 from clothrf_core.registry import Registry
 from clothrf_core.simulated import SimulatedCamera, SimulatedRobot, SimulatedWorld
 from clothrf_core.types import RgbdFrame, RobotCommand
+
+# Of SCHED_FIFO; less than `punctual.FIFO_PRIORITY`, with which a bridge watches over the arms.
+LOOP_PRIORITY = 10
 
 
 class RehearsalCamera(CameraAround):
@@ -97,13 +102,15 @@ class Pulse:
 class Session:
     """A wired loop, ready to run.
 
-    `grasp_error` tells, with simulated cloth, how far the grippers are from x* now, m.
+    `grasp_error` tells, with simulated cloth, how far the grippers are from x* now, m. `priority`
+    is the loop's of SCHED_FIFO where a camera paces it and the system permits; 0 = as it comes.
     """
 
     controller: Controller
     rate_hz: float
     paced_by_camera: bool
     grasp_error: Callable[[], float] | None = None
+    priority: int = LOOP_PRIORITY
 
     def run(
         self,
@@ -116,12 +123,17 @@ class Session:
         """Run until `seconds` have passed, the camera ends, or `stopped`; returns the turns.
 
         The robot is entered before the camera and left after it, so that its arms stop last
-        whatever happened.
+        whatever happened. A loop that a camera paces sleeps most of the time: it asks for real-time
+        scheduling, below a bridge's. A simulated one may take a whole core and does not.
         """
         clock = clock or WallClock()
         end_ns = None if seconds is None else clock.now_ns() + round(seconds * 1e9)
         turns = 0
-        with self.controller.robot, self.controller.camera:
+        with ExitStack() as stack:
+            stack.enter_context(self.controller.robot)
+            stack.enter_context(self.controller.camera)
+            stack.enter_context(alone())
+            stack.enter_context(punctual(self.priority if self.paced_by_camera else 0))
             for sequence in ticks(clock, 1e6 if self.paced_by_camera else self.rate_hz):
                 if stopped() or (end_ns is not None and clock.now_ns() >= end_ns):
                     break

@@ -10,6 +10,7 @@ import numpy as np
 
 from clothrf_core.errors import ClothrfError
 from clothrf_core.provider import Figure
+from clothrf_core.punctual import punctual
 from clothrf_egm.config import EgmConfig
 from clothrf_egm.controller import CYCLE_S, ControllerModel
 from clothrf_egm.end import EgmEnd
@@ -20,7 +21,6 @@ from clothrf_egm.messages import (
     encode_robot,
     encode_sensor,
 )
-from clothrf_egm.punctual import punctual
 from clothrf_egm.simulator import EgmSimulator
 
 

@@ -14,8 +14,8 @@ import typer
 from clothrf_core.config import read_rig
 from clothrf_core.interfaces import ArmModel
 from clothrf_core.provider import BuildContext
+from clothrf_core.punctual import FIFO_PRIORITY, punctual
 from clothrf_core.registry import Registry
-from clothrf_egm.punctual import FIFO_PRIORITY, punctual
 
 
 def egm_sim_app() -> typer.Typer:

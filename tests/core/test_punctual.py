@@ -1,0 +1,39 @@
+"""Scheduling and threads are lent for a block and given back after it."""
+
+import os
+
+import pytest
+
+from clothrf_core.punctual import alone, punctual
+
+
+def test_scheduling_is_as_before_after_the_block():
+    before = os.sched_getscheduler(0)
+    with punctual(10) as granted:
+        inside = os.sched_getscheduler(0)
+    assert os.sched_getscheduler(0) == before
+    assert (inside == os.SCHED_FIFO) == (granted == "SCHED_FIFO 10")
+
+
+def test_priority_zero_asks_for_nothing():
+    before = os.sched_getscheduler(0)
+    with punctual(0) as granted:
+        assert os.sched_getscheduler(0) == before
+    assert granted == "default"
+
+
+def test_without_permission_the_block_runs_all_the_same(monkeypatch):
+    def refused(*_):
+        raise PermissionError
+
+    monkeypatch.setattr(os, "sched_setscheduler", refused)
+    with punctual(10) as granted:
+        assert granted == "default (no permission for SCHED_FIFO)"
+
+
+def test_opencv_has_one_thread_inside_and_its_own_after():
+    cv2 = pytest.importorskip("cv2")
+    before = cv2.getNumThreads()
+    with alone():
+        assert cv2.getNumThreads() == 1
+    assert cv2.getNumThreads() == before
