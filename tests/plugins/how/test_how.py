@@ -6,8 +6,9 @@ import pytest
 from clothrf_how.config import FeatureOptions, ForegroundOptions, HowOptions
 from clothrf_how.extractor import Extractor
 from clothrf_how.gabor import factors
-from clothrf_how.how import Board, Grid, How, Passes, cell_sums, how_names, rectified, relief
+from clothrf_how.how import How, cell_sums, how_names, rectified, relief
 from clothrf_how.how_kernels import detrended
+from clothrf_how.passes import Board, Grid, Passes
 
 
 @pytest.mark.parametrize("layout", ["A", "B", "C", "D"])
