@@ -22,7 +22,7 @@ class SizeSection(Section):
 
     seeds: int = Field(ge=1, description="independent repetitions: data, fits and tests")
     rollouts: int = Field(ge=5, description="training roll-outs a seed")
-    steps: int = Field(100, ge=1, description="samples of each")
+    steps: int = Field(50, ge=1, description="samples of each")
     regimes: float = Field(1.0, gt=0.0, description="factor of the regimes' shares of them")
     shares: list[float] = Field([0.2, 0.4, 0.6, 0.8, 1.0], description="of the training roll-outs")
     test_rollouts: int = Field(ge=2, description="held-out roll-outs of the table")
@@ -117,7 +117,7 @@ class Study(Section):
 
     base: str = "base.toml"
     disturbance: float = Field(0.02, ge=0.0, description="m, OU noise of every second roll-out")
-    stride: int = Field(3, ge=1, description="control steps between training samples")
+    stride: int = Field(6, ge=1, description="control steps between training samples")
     test_stride: int = Field(10, ge=1, description="control steps between test samples")
     from_rest: float = Field(0.5, ge=0.0, le=1.0, description="as [training] from_rest")
     sequence_s: float = Field(4.0, gt=0.0, description="s of each task in a sequence")
