@@ -31,15 +31,20 @@ class Canvas:
 
     Attributes:
         keys: (H, W rounded up to a multiple of 8) int32, see above; `empty` or less = nothing.
-        rgb: (H, W, 3) uint8, or (0, 0, 3) where colour is off.
+        rgb: (H, W, 3) uint8, contiguous, or (0, 0, 3) where colour is off.
         empty: largest key beyond the far plane.
         width: W.
+        paint: as `keys`, or (0, 0) where colour is off: scratch of a mesh while it is being drawn,
+            1 + the palette's entry where it is seen, 0 elsewhere and between meshes.
+        rows: (H, 2) int32: columns [first, end) of `paint` that are in use; [W, 0) = none.
     """
 
     keys: Keys
     rgb: NDArray[np.uint8]
     empty: np.int32
     width: int
+    paint: Keys
+    rows: NDArray[np.int32]
 
     @classmethod
     def blank(cls, width: int, height: int, far: float, *, colour: bool) -> Canvas:
@@ -50,9 +55,18 @@ class Canvas:
             rgb=np.empty((height, width, 3) if colour else (0, 0, 3), np.uint8),
             empty=np.int32(int(key_of(np.float32(1.0 / far), 0)) - 1),
             width=width,
+            paint=np.zeros((height, padded) if colour else (0, 0), np.int32),
+            rows=np.tile(np.array([width, 0], np.int32), (height, 1)),
         )
         canvas.clear(np.zeros(3, np.uint8))
         return canvas
+
+    @property
+    def words(self) -> NDArray[np.uint32]:
+        """The memory of `rgb`, four pixels in three words; (0,) if a row is no whole number."""
+        if self.width % 4:
+            return np.zeros(0, np.uint32)
+        return self.rgb.reshape(-1).view(np.uint32)
 
     def clear(self, background: NDArray[np.uint8]) -> None:
         """Draw nothing on (3,) `background`."""

@@ -13,28 +13,32 @@ from clothrf_core.scene import SceneMesh
 from clothrf_core.types import Float, Float32
 from clothrf_raster.canvas import ROUND, Canvas, Ink, Keys
 from clothrf_raster.compiled_bend import draw_bent
-from clothrf_raster.compiled_fill import ONE, clip, fill
+from clothrf_raster.compiled_fill import ONE, clip, colour, fill
 from clothrf_raster.view import View
 
 
-def draw(canvas: Canvas, view: View, mesh: SceneMesh, ink: Ink, ramp: Float32) -> None:
-    """Draw `mesh` on `canvas` wherever it is closer than what is there; `ramp` is 0, 1, 2, ..."""
+def draw(canvas: Canvas, view: View, mesh: SceneMesh, ink: Ink) -> None:
+    """Draw `mesh` on `canvas` wherever it is closer than what is there."""
     vertices = np.ascontiguousarray(mesh.vertices)
     triangles = np.ascontiguousarray(mesh.triangles)
     keys = canvas.keys.reshape(-1)
+    paint = canvas.paint.reshape(-1)
+    levels = len(ink.palette) - 1
     stride = canvas.keys.shape[1]
     bend = view.bend
     if bend.piece > 0.0:
         draw_bent(
             vertices, triangles, view.pose, view.lens, view.near,
             bend.coefficients, bend.piece, bend.window,
-            keys, stride, canvas.width, canvas.rgb, ink.code, ink.shades, ink.palette, ramp,
+            keys, stride, canvas.width, paint, canvas.rows, ink.code, ink.shades, levels,
         )  # fmt: skip
     else:
         _draw(
             vertices, triangles, view.pose, view.lens, view.near,
-            keys, stride, canvas.width, canvas.rgb, ink.code, ink.shades, ink.palette, ramp,
+            keys, stride, canvas.width, paint, canvas.rows, ink.code, ink.shades, levels,
         )  # fmt: skip
+    if paint.size > 0:
+        colour(paint, stride, canvas.rows, ink.palette, canvas.rgb, canvas.words)
 
 
 def finish(canvas: Canvas, view: View, depth: Float32, labels: NDArray[np.uint8]) -> None:
@@ -73,11 +77,11 @@ def _draw(
     keys: Keys,
     stride: int,
     width: int,
-    rgb: NDArray[np.uint8],
+    paint: Keys,
+    rows: NDArray[np.int32],
     code: int,
     shades: Float32,
-    palette: NDArray[np.uint8],
-    ramp: Float32,
+    levels: int,
 ) -> None:
     local = np.empty((vertices.shape[0], 3))
     pixel = np.empty((vertices.shape[0], 3))
@@ -89,13 +93,13 @@ def _draw(
         pixel[i, 0] = lens[2] + (lens[0] * local[i, 0] + lens[1] * local[i, 1]) * w
         pixel[i, 1] = lens[4] + lens[3] * local[i, 1] * w
         pixel[i, 2] = w
-    colour = rgb.size > 0
+    shaded = paint.size > 0
     s0 = s1 = s2 = 0.0
     cut = np.empty((4, 4))
     corners = np.empty((3, 4))
     for m in range(triangles.shape[0]):
         a, b, c = triangles[m, 0], triangles[m, 1], triangles[m, 2]
-        if colour:
+        if shaded:
             s0, s1, s2 = float(shades[m, 0]), float(shades[m, 1]), float(shades[m, 2])
         za, zb, zc = local[a, 2], local[b, 2], local[c, 2]
         if za >= near and zb >= near and zc >= near:
@@ -103,7 +107,7 @@ def _draw(
                 pixel[a, 0], pixel[a, 1], pixel[a, 2], s0,
                 pixel[b, 0], pixel[b, 1], pixel[b, 2], s1,
                 pixel[c, 0], pixel[c, 1], pixel[c, 2], s2,
-                keys, stride, width, rgb, code, palette, ramp,
+                keys, stride, width, paint, rows, code, levels,
             )  # fmt: skip
         elif za >= near or zb >= near or zc >= near:
             for k in range(3):
@@ -121,7 +125,7 @@ def _draw(
                     cut[0, 0], cut[0, 1], cut[0, 2], cut[0, 3],
                     cut[k, 0], cut[k, 1], cut[k, 2], cut[k, 3],
                     cut[k + 1, 0], cut[k + 1, 1], cut[k + 1, 2], cut[k + 1, 3],
-                    keys, stride, width, rgb, code, palette, ramp,
+                    keys, stride, width, paint, rows, code, levels,
                 )  # fmt: skip
 
 

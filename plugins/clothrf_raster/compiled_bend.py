@@ -29,11 +29,11 @@ def draw_bent(
     keys: Keys,
     stride: int,
     width: int,
-    rgb: NDArray[np.uint8],
+    paint: Keys,
+    rows: NDArray[np.int32],
     code: int,
     shades: Float32,
-    palette: NDArray[np.uint8],
-    ramp: Float32,
+    levels: int,
 ) -> None:
     """As `compiled._draw`, through a lens."""
     local = np.empty((vertices.shape[0], 3))
@@ -41,7 +41,7 @@ def draw_bent(
         x, y, z = vertices[i, 0], vertices[i, 1], vertices[i, 2]
         for k in range(3):
             local[i, k] = pose[k, 0] * x + pose[k, 1] * y + pose[k, 2] * z + pose[k, 3]
-    colour = rgb.size > 0
+    shaded = paint.size > 0
     cut = np.empty((4, 4))
     corners = np.empty((3, 4))
     stack = np.empty((DEEPEST, 3, 4))
@@ -51,13 +51,13 @@ def draw_bent(
         for k in range(3):
             for axis in range(3):
                 corners[k, axis] = local[triangles[m, k], axis]
-            corners[k, 3] = float(shades[m, k]) if colour else 0.0
+            corners[k, 3] = float(shades[m, k]) if shaded else 0.0
         n = clip(corners, near, cut)
         for k in range(1, n - 1):
             stack[0, 0], stack[0, 1], stack[0, 2] = cut[0], cut[k], cut[k + 1]
             _pieces(
                 stack, pixel, bent, lens, coefficients, piece, window,
-                keys, stride, width, rgb, code, palette, ramp,
+                keys, stride, width, paint, rows, code, levels,
             )  # fmt: skip
 
 
@@ -73,10 +73,10 @@ def _pieces(
     keys: Keys,
     stride: int,
     width: int,
-    rgb: NDArray[np.uint8],
+    paint: Keys,
+    rows: NDArray[np.int32],
     code: int,
-    palette: NDArray[np.uint8],
-    ramp: Float32,
+    levels: int,
 ) -> None:
     """Fill the triangle at the bottom of `stack`, bent, in pieces; the arrays are scratch."""
     height = 1
@@ -131,5 +131,5 @@ def _pieces(
             bent[0, 0], bent[0, 1], bent[0, 2], t[0, 3],
             bent[1, 0], bent[1, 1], bent[1, 2], t[1, 3],
             bent[2, 0], bent[2, 1], bent[2, 2], t[2, 3],
-            keys, stride, width, rgb, code, palette, ramp,
+            keys, stride, width, paint, rows, code, levels,
         )  # fmt: skip

@@ -29,7 +29,7 @@ Colour = tuple[float, float, float]
 class Engine(Protocol):
     """What draws: the module `compiled` or its twin `plain`."""
 
-    def draw(self, canvas: Canvas, view: View, mesh: SceneMesh, ink: Ink, ramp: Float32, /) -> None:
+    def draw(self, canvas: Canvas, view: View, mesh: SceneMesh, ink: Ink, /) -> None:
         """Draw `mesh` wherever it is closer than what is on the canvas."""
 
     def finish(
@@ -56,7 +56,6 @@ class Drawing:
         base: the picture of `kept`.
         work: keys of everything.
         black: (H, W, 3) uint8 zeros, the colour picture where colour is off.
-        ramp: 0, 1, 2, ... as float32.
         depths: (H, W) float32 arrays for pictures.
         labels: (H, W) uint8 arrays for pictures.
         colours: (H, W, 3) uint8 arrays for pictures.
@@ -75,7 +74,6 @@ class Drawing:
     base: Canvas
     work: Keys
     black: NDArray[np.uint8]
-    ramp: Float32
     depths: Spares
     labels: Spares
     colours: Spares
@@ -104,7 +102,6 @@ class Drawing:
             base=base,
             work=np.empty_like(base.keys),
             black=np.zeros((camera.height, camera.width, 3), np.uint8),
-            ramp=np.arange(camera.width + 1, dtype=np.float32),
             depths=Spares((camera.height, camera.width), np.float32),
             labels=Spares((camera.height, camera.width), np.uint8),
             colours=Spares(base.rgb.shape, np.uint8),
@@ -137,7 +134,7 @@ class Drawing:
             ink = Ink(code, shades, self._palette(mesh.colour))
         else:
             ink = Ink(code)
-        self.engine.draw(canvas, self.view, mesh, ink, self.ramp)
+        self.engine.draw(canvas, self.view, mesh, ink)
 
     def _palette(self, colour: Colour) -> NDArray[np.uint8]:
         key = (colour[0], colour[1], colour[2])

@@ -24,11 +24,11 @@ ZERO = np.float32(0.0)
 LIMIT = 1e12
 
 
-def draw(canvas: Canvas, view: View, mesh: SceneMesh, ink: Ink, ramp: Float32) -> None:
-    """Draw `mesh` on `canvas` wherever it is closer than what is there; `ramp` is 0, 1, 2, ..."""
+def draw(canvas: Canvas, view: View, mesh: SceneMesh, ink: Ink) -> None:
+    """Draw `mesh` on `canvas` wherever it is closer than what is there."""
     with np.errstate(all="ignore"):
         corners = _corners(view, mesh, ink, colour=canvas.rgb.size > 0)
-        _fill(canvas, corners, ink, ramp)
+        _fill(canvas, corners, ink)
 
 
 def finish(canvas: Canvas, view: View, depth: Float32, labels: NDArray[np.uint8]) -> None:
@@ -79,7 +79,7 @@ def _clip(corners: Float, near: float) -> Float:
     return np.stack([np.stack([cut[0], cut[k], cut[k + 1]]) for k in range(1, len(cut) - 1)])
 
 
-def _fill(canvas: Canvas, corners: Float, ink: Ink, ramp: Float32) -> None:
+def _fill(canvas: Canvas, corners: Float, ink: Ink) -> None:
     height, stride = canvas.keys.shape
     width = canvas.width
     a, b, c = corners
@@ -106,11 +106,12 @@ def _fill(canvas: Canvas, corners: Float, ink: Ink, ramp: Float32) -> None:
     n = np.maximum(right - left, 0.0).astype(np.int64)
     r, i = _runs(np.zeros(len(n), np.int64), n)
     t = m[r]
+    along = i.astype(np.float32)
 
     start, step = _plane(a, b, c, a[2], b[2], c[2], area, m, left, y)
     low = np.minimum(np.minimum(a[2], b[2]), c[2]).astype(np.float32)
     high = np.maximum(np.maximum(a[2], b[2]), c[2]).astype(np.float32)
-    w = np.minimum(np.maximum(start[r] + ramp[i] * step[t], low[t]), high[t])
+    w = np.minimum(np.maximum(start[r] + along * step[t], low[t]), high[t])
     key = ((w.view(np.int32) + HALF) & ROUND) | np.int32(ink.code)
     where = row[r] * stride + left[r].astype(np.int64) + i
     keys = canvas.keys.reshape(-1)
@@ -122,7 +123,7 @@ def _fill(canvas: Canvas, corners: Float, ink: Ink, ramp: Float32) -> None:
         q = (a[3] * a[2], b[3] * b[2], c[3] * c[2])
         shade, step = _plane(a, b, c, *q, area, m, left, y)
         r, i, t = r[won], i[won], t[won]
-        s = np.minimum(np.maximum((shade[r] + ramp[i] * step[t]) * (ONE / w[won]), ZERO), ONE)
+        s = np.minimum(np.maximum((shade[r] + along[won] * step[t]) * (ONE / w[won]), ZERO), ONE)
         level = (s * np.float32(len(ink.palette) - 1)).astype(np.int64)
         canvas.rgb[row[r], left[r].astype(np.int64) + i] = ink.palette[level]
 

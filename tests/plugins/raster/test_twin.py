@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 from clothrf_raster import compiled, plain, shading
@@ -137,3 +139,14 @@ def test_a_lens_and_a_light_from_behind():
     scene = Scene(meshes=scene.meshes, light=Light(direction=(0.8, 0.0, 0.6)))
 
     assert_same(*both(scene, bent))
+
+
+@pytest.mark.parametrize("width", [37, 38, 39, 40])
+def test_rows_of_any_number_of_pixels(width):
+    camera = example_camera(factor=0.125)
+    camera = dataclasses.replace(camera, width=width)
+
+    one, two = both(Scene(meshes=(soup(5, 40, 0.2),)), camera)
+
+    assert_same(one, two)
+    assert len(np.unique(one.frame.rgb.reshape(-1, 3), axis=0)) > 10
