@@ -31,20 +31,25 @@ def checked(
         ShapeError: naming what was expected and what was found.
     """
     wanted = np.dtype(dtype)
-    text = "(" + ", ".join("*" if n is None else str(n) for n in shape) + ")"
     if not isinstance(value, np.ndarray):
         raise ShapeError(
-            f"{name}: expected a numpy array {wanted} of shape {text}, got {type(value).__name__}"
+            f"{name}: expected a numpy array {wanted} of shape {_text(shape)}, got "
+            f"{type(value).__name__}"
         )
     fits = value.ndim == len(shape) and all(
         n is None or n == m for n, m in zip(shape, value.shape, strict=True)
     )
     if value.dtype != wanted or not fits:
         raise ShapeError(
-            f"{name}: expected {wanted} of shape {text}, got {value.dtype} of shape {value.shape}"
+            f"{name}: expected {wanted} of shape {_text(shape)}, got {value.dtype} of shape "
+            f"{value.shape}"
         )
     if finite and not np.isfinite(value).all():
-        raise ShapeError(f"{name}: expected finite numbers, got NaN or infinity in {text}")
+        raise ShapeError(f"{name}: expected finite numbers, got NaN or infinity in {_text(shape)}")
     view = value.view()
     view.flags.writeable = False
     return view
+
+
+def _text(shape: tuple[int | None, ...]) -> str:
+    return "(" + ", ".join("*" if n is None else str(n) for n in shape) + ")"

@@ -6,7 +6,9 @@ target stays in a box and within a speed. The bridge checks all of it again on i
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from pydantic import Field
@@ -63,12 +65,14 @@ class Limits:
         limit = self.section
         if action.targets.shape != here.shape:
             return np.array(here), f"expected {here.shape} targets, got {action.targets.shape}"
-        if not (np.isfinite(action.targets).all() and np.isfinite(action.confidence)):
+        if not (np.isfinite(action.targets).all() and math.isfinite(action.confidence)):
             return np.array(here), "targets are not finite"
         if action.confidence <= limit.hold_below:
             return np.array(here), f"confidence {action.confidence:.2f} is too low"
-        wanted = np.clip(action.targets, limit.low, limit.high)
-        span = float(np.linalg.norm(wanted[1] - wanted[0]))
+        low, high = self._box
+        wanted = np.minimum(np.maximum(action.targets, low), high)
+        between = wanted[1] - wanted[0]
+        span = math.sqrt(between @ between)
         if span > limit.max_span:
             wanted = wanted.mean(axis=0) + (wanted - wanted.mean(axis=0)) * (limit.max_span / span)
         slow = min(
@@ -77,5 +81,10 @@ class Limits:
         )
         reach = limit.max_speed * max(self.dt, limit.lead_s) * slow
         step = wanted - here
-        length = np.linalg.norm(step, axis=1, keepdims=True)
+        length = np.sqrt((step * step).sum(axis=1, keepdims=True))
         return here + step * np.minimum(1.0, reach / np.maximum(length, 1e-12)), ""
+
+    @cached_property
+    def _box(self) -> tuple[Float, Float]:
+        """The two corners, (3,) each."""
+        return np.array(self.section.low, float), np.array(self.section.high, float)
