@@ -6,13 +6,16 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from clothrf_realsense import folder as player
 from clothrf_realsense.config import FolderConfig
 from clothrf_realsense.folder import FolderCamera
+from clothrf_realsense.pictures import read_depth
 
 from clothrf_core.camera_file import read_camera_file
 from clothrf_core.clock import ManualClock
 from clothrf_core.errors import ConfigError, DataError, StaleFrame
 from clothrf_core.registry import Registry
+from clothrf_core.types import Float32
 
 CAMERA = """
 [camera]
@@ -128,6 +131,31 @@ def test_real_time_playback_waits_for_the_next_picture(make: Make) -> None:
 
     assert stamps == [5_000_000_000, 5_011_111_111, 5_022_222_222]
     assert clock.now_ns() == 5_022_222_222
+
+
+def test_a_picture_is_decoded_before_its_time_comes_and_none_while_one_is_worked_on(
+    make: Make, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    log: list[str] = []
+
+    class Watched(ManualClock):
+        def sleep_until_ns(self, deadline_ns: int) -> None:
+            log.append("wait")
+            super().sleep_until_ns(deadline_ns)
+
+    def decode(path: Path, *, unit: float) -> Float32:
+        log.append(f"decode {path.stem}")
+        return read_depth(path, unit=unit)
+
+    monkeypatch.setattr(player, "read_depth", decode)
+    config = FolderConfig(path=make(["1", "2"]), playback="realtime", fps=90, read_ahead=1)
+
+    with FolderCamera(config, clock=Watched()) as camera:
+        for _ in range(2):
+            camera.read()
+            log.append("work")
+
+    assert log == ["decode 1_depth", "wait", "work", "decode 2_depth", "wait", "work"]
 
 
 def test_real_time_playback_drops_what_was_not_read_in_time(make: Make) -> None:
