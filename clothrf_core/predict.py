@@ -24,6 +24,7 @@ from clothrf_core.rig import Rig
 from clothrf_core.show import mark
 from clothrf_core.types import Action, Features, Float, GraspState, Observation, RgbdFrame
 
+UNMEASURED = np.full((2, 3), np.nan)
 TARGET, ANCHOR, REFUSED = (242, 140, 40), (80, 160, 255), (220, 60, 60)
 
 
@@ -58,7 +59,8 @@ def predict(
         policy: a fitted policy.
         extractor: the features it was trained on.
         camera: opened by the caller; ends with `StaleFrame`.
-        grasp: (2, 3) where the robot holds the cloth, world, m; used when a frame says nothing.
+        grasp: (2, 3) where the robot holds the cloth, world, m; NaN = nobody measured it, and the
+            features look for the grippers in the picture.
         tasks: whose targets to predict.
         on_frame: gets each result as it is made.
     """
@@ -118,7 +120,7 @@ def predict_folder(
         on_frame(prediction)
 
     with registry.build("camera", "folder", options, context) as camera:
-        count = predict(policy, extractor, camera, rig.rest_grasp, tasks or policy.tasks, keep)
+        count = predict(policy, extractor, camera, UNMEASURED, tasks or policy.tasks, keep)
     atomic_write(out / "predictions.csv", csv_bytes(rows))
     return count
 
