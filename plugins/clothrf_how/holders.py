@@ -160,11 +160,11 @@ def slots(
     if grasp is not None:
         origin = grasp.mean(0)
         apart = np.minimum(
-            np.linalg.norm(middle[:, None] - grasp, axis=2),
-            np.linalg.norm(end[:, None] - grasp, axis=2),
-        )
-        for which, i in sorted(np.ndindex(apart.shape), key=lambda pair: float(apart[pair])):
-            if apart[which, i] < HELD and free[which] and 2 + i not in result:
+            ((middle[:, None] - grasp) ** 2).sum(2), ((end[:, None] - grasp) ** 2).sum(2)
+        ).ravel()
+        for pair in np.argsort(apart, kind="stable").tolist():
+            which, i = divmod(pair, 2)
+            if apart[pair] < HELD * HELD and free[which] and 2 + i not in result:
                 result[2 + i] = which
                 free[which] = False
     # A thing is the person's if it points, and lies, to the person's side.
