@@ -5,8 +5,7 @@ from __future__ import annotations
 import dataclasses
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
-from typing import Literal, Self
+from typing import Literal
 
 import numpy as np
 from typing_extensions import override
@@ -14,6 +13,7 @@ from typing_extensions import override
 from clothrf_core.compose import Workshop, cached_workshop
 from clothrf_core.dataset import write_rollout
 from clothrf_core.interfaces import RenderedCamera
+from clothrf_core.opening import CameraAround
 from clothrf_core.provider import BuildContext
 from clothrf_core.registry import Registry
 from clothrf_core.rollout import RolloutJob, roll_out
@@ -26,7 +26,7 @@ ARM_RADIUS, ARM_LENGTH = 0.045, 0.6  # m, a forearm and more of it than the pict
 Change = Literal["no cloth", "arm", "as it is"]
 
 
-class StrangeCamera(RenderedCamera):
+class StrangeCamera(CameraAround, RenderedCamera):
     """A camera that draws a changed scene.
 
     Args:
@@ -36,23 +36,10 @@ class StrangeCamera(RenderedCamera):
     """
 
     def __init__(self, inner: RenderedCamera, change: Change, rng: np.random.Generator) -> None:
+        super().__init__(inner)
         self._inner = inner
         self._change = change
         self._rng = rng
-
-    @override
-    def __enter__(self) -> Self:
-        self._inner.__enter__()
-        return self
-
-    @override
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self._inner.__exit__(kind, error, trace)
 
     @override
     def read(self, timeout_s: float = 1.0) -> RgbdFrame:

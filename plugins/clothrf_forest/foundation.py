@@ -79,13 +79,14 @@ def lay(
     base, curves = no_base(targets, rows.width), no_curves(rows.width)
     if config.base != "none":
         base = fit_base(targets, known)
+        answers, said = offered(base)
         if config.oblique:
-            projections, held_out = offered(base)
-    if config.base == "quadratic":
-        leading = novelty.axes[:, ::-1][:, : config.curve_directions].astype(np.float64)
-        answers = offered(base)[0].axes.astype(np.float64)
-        curves = fit_curves(known.design, np.concatenate([answers, leading], axis=1))
-        base = fit_base(targets, survey(Curved(known.design, curves), targets, fold))
+            projections, held_out = answers, said
+        if config.base == "quadratic":
+            leading = novelty.axes[:, ::-1][:, : config.curve_directions]
+            directions = np.concatenate([answers.axes, leading], axis=1).astype(np.float64)
+            curves = fit_curves(known.design, directions)
+            base = fit_base(targets, survey(Curved(known.design, curves), targets, fold))
     return Foundation(
         by=by,
         curves=curves,
