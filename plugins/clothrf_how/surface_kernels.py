@@ -52,7 +52,8 @@ def _cut(
     return count
 
 
-# Runs of pixels instead of pixels: 45 us instead of 134 for a cloth on a third of 320 x 240.
+# Runs of pixels instead of pixels: 72 us instead of 134 for a cloth on a third of 320 x 240; a
+# picture of a roll-out takes 120 to 270.
 @njit(cache=True, nogil=True)
 def surfaces(
     z: NDArray[np.float32],
