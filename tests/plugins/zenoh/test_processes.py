@@ -61,7 +61,7 @@ def watched_stop(port, act):
         eye.wait_for_bridge(5.0)
         in_motion(machine, eye)
         act(machine)
-        until(lambda: eye.poll() is None or eye.status["state"] == "HOLD", what="HOLD")
+        until(lambda: eye.poll() is None or eye.status.get("state") == "HOLD", what="HOLD")
         until(lambda: still(eye), what="standstill")
         return dict(eye.status)
 
@@ -72,7 +72,7 @@ def test_a_target_is_reached_and_the_arms_are_given_back(port):
             sent = arrive(machine, HOME + [0.05, 0.0, 0.05])
             status = machine.status()
         eye.wait_for_bridge(5.0)
-        until(lambda: eye.poll() is None or eye.status["state"] == "HOLD", what="release")
+        until(lambda: eye.poll() is None or eye.status.get("state") == "HOLD", what="release")
         why = eye.status["reason"]
     counted = far.last_status
 
@@ -103,7 +103,7 @@ def test_a_cut_cable_stops_the_arms(port):
         eye.wait_for_bridge(5.0)
         in_motion(machine, eye)
         cable.cut()
-        until(lambda: eye.poll() is None or eye.status["state"] == "HOLD", what="HOLD")
+        until(lambda: eye.poll() is None or eye.status.get("state") == "HOLD", what="HOLD")
         until(lambda: still(eye), what="standstill")
         machine._process.kill()
 
