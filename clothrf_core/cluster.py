@@ -7,17 +7,32 @@ attempts; then it is named with its seed.
 
 from __future__ import annotations
 
+import ctypes
 import importlib.metadata
 import logging
 import os
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-from clothrf_core.collection import ONE_THREAD, Job
+from clothrf_core.collection import ONE_THREAD, Job, quiet
 from clothrf_core.errors import ClothrfError, ConfigError, MissingDependency, RolloutFailed
 from clothrf_core.sections import CollectionSection
 
 logger = logging.getLogger(__name__)
+
+# For a cluster of two cores that this process shares with its workers. Idle, with Dask's defaults,
+# scheduler and workers take 9 % of a core looking after themselves; with these 1.5 %.
+SETTINGS = {
+    # Nothing waits at a worker: a task that only waited there would share the blame.
+    "distributed.scheduler.worker-saturation": 1.0,
+    "distributed.worker.profile.enabled": False,
+    "distributed.worker.memory.monitor-interval": "1s",
+    "distributed.admin.tick.interval": "500ms",
+    "distributed.admin.system-monitor.interval": "5s",
+    "distributed.scheduler.work-stealing": False,
+    "distributed.scheduler.active-memory-manager.start": False,
+    "distributed.scheduler.http.routes": [],
+}
 
 
 class Cluster:
@@ -32,20 +47,18 @@ class Cluster:
                 "collection.engine = 'dask' needs 'distributed', which is not installed. "
                 "Install it with: pip install 'clothrf[dask]'"
             ) from error
+        logging.getLogger("distributed").setLevel(logging.NOTSET)  # as loud as everybody else
         self._section = section
         self._local: Any = None
         if section.address == "local":
-            # Nothing waits at a worker: a task that only waited there would share the blame.
-            settings = {
-                "distributed.scheduler.allowed-failures": section.attempts - 1,
-                "distributed.scheduler.worker-saturation": 1.0,
-            }
-            with dask.config.set(settings):
+            allowed = {"distributed.scheduler.allowed-failures": section.attempts - 1}
+            with dask.config.set(SETTINGS | allowed):
                 self._local = distributed.LocalCluster(
                     n_workers=section.workers,
                     threads_per_worker=1,
                     processes=True,
                     dashboard_address=None,
+                    scheduler_kwargs={"dashboard_address": "127.0.0.1:0"},
                     host="127.0.0.1",
                     env=ONE_THREAD,
                 )
@@ -59,6 +72,7 @@ class Cluster:
                 f"({error}). Start one, or set address = 'local'"
             ) from error
         self._check_workers()
+        self._client.register_worker_callbacks(_prepare)
 
     def run(self, jobs: Sequence[Job]) -> Iterator[tuple[Job, Any]]:
         """See `collection.Engine.run`."""
@@ -144,6 +158,22 @@ def plugin_set() -> tuple[str, ...]:
 
 def _version() -> tuple[str, tuple[str, ...]]:
     return importlib.metadata.version("clothrf"), plugin_set()
+
+
+def _prepare() -> None:
+    """What every worker does first, those that come later included.
+
+    Dask starts its workers with glibc told to give memory back at once (MALLOC_TRIM_THRESHOLD_):
+    then every picture is new pages, 73,000 page faults and 0.2 of 0.85 s a roll-out of 100 samples.
+    """
+    quiet()
+    try:
+        mallopt = ctypes.CDLL(None).mallopt
+    except (OSError, AttributeError):  # another C library
+        return
+    trim_threshold, mmap_threshold = -1, -3  # malloc.h
+    mallopt(trim_threshold, 256 << 20)
+    mallopt(mmap_threshold, 32 << 20)
 
 
 def _run(job: Job) -> Any:

@@ -168,7 +168,7 @@ class Processes:
                 "collection.engine = 'sequential'"
             ) from error
         return get_reusable_executor(
-            max_workers=self._section.workers, timeout=300, env=ONE_THREAD, initializer=_quiet
+            max_workers=self._section.workers, timeout=300, env=ONE_THREAD, initializer=quiet
         )
 
     def close(self) -> None:
@@ -180,7 +180,7 @@ class Processes:
         get_reusable_executor(max_workers=self._section.workers).shutdown(wait=False)
 
 
-def _quiet() -> None:
+def quiet() -> None:
     """One thread for everything in a worker; the workers are the parallelism."""
     os.environ.update(ONE_THREAD)
     try:

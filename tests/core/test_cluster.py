@@ -1,6 +1,8 @@
 """Collection on a real Dask cluster of worker processes on loopback."""
 
 import os
+import platform
+import resource
 import signal
 import subprocess
 import sys
@@ -9,6 +11,7 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from clothrf_core.collection import collect
@@ -44,6 +47,22 @@ class Task:
         if self.folder:
             (Path(self.folder) / f"pid{self.number}").write_text(str(os.getpid()))
         return self.number**2
+
+
+@dataclass(frozen=True)
+class Pictures:
+    name: str = "pictures"
+
+    def run(self):
+        """Page faults of making and dropping a hundred pictures; OpenCV's threads."""
+        cv2 = pytest.importorskip("cv2")
+        for _ in range(3):  # glibc's own arenas grow first
+            np.ones((480, 640))
+        before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt
+        for _ in range(100):
+            np.ones((480, 640))
+        faults = resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before
+        return faults, cv2.getNumThreads()
 
 
 @pytest.fixture(scope="module")
@@ -88,6 +107,13 @@ def test_a_worker_killed_from_outside_loses_nothing(cluster, tmp_path):
 def test_what_a_job_says_is_wrong_reaches_the_user(cluster):
     with pytest.raises(DataError, match="the policy is damaged"):
         collect([Task(1), Task(-1)], cluster)
+
+
+@pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="glibc's own habit")
+def test_a_worker_draws_on_the_pages_it_has_with_one_thread(cluster):
+    [(faults, threads)] = collect([Pictures()], cluster)
+    assert faults < 1000  # 100 pictures of 600 pages each
+    assert threads == 1
 
 
 def test_an_absent_scheduler_is_said():
