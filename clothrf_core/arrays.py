@@ -36,8 +36,9 @@ def checked(
             f"{name}: expected a numpy array {wanted} of shape {_text(shape)}, got "
             f"{type(value).__name__}"
         )
-    fits = value.ndim == len(shape) and all(
-        n is None or n == m for n, m in zip(shape, value.shape, strict=True)
+    fits = value.shape == shape or (
+        value.ndim == len(shape)
+        and all(n is None or n == m for n, m in zip(shape, value.shape, strict=True))
     )
     if value.dtype != wanted or not fits:
         raise ShapeError(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from clothrf_core.errors import ConfigError
@@ -10,9 +12,6 @@ from clothrf_core.types import ClothMesh, Float
 
 REACH = 1e-3
 """Relative excess of a corner distance over the sheet's own that still counts as reachable."""
-FIRST = [0, 0, 0, 1, 1, 2]
-SECOND = [1, 2, 3, 2, 3, 3]
-"""The six pairs of corners: hand 0, hand 1, grasp 0, grasp 1."""
 
 
 def check_cloth(params: SimulationParams) -> None:
@@ -80,10 +79,17 @@ def reachable(corners: Float, size: tuple[float, float]) -> bool:
         corners: (4, 3) hand 0, hand 1, grasp 0, grasp 1.
         size: along u and v.
     """
-    w, v = size
-    own = np.array([w, v, np.hypot(w, v), np.hypot(w, v), v, w])
-    apart = corners[FIRST] - corners[SECOND]
-    return bool(np.all(np.einsum("ij,ij->i", apart, apart) <= (own * (1.0 + REACH)) ** 2))
+    across, along = (n * (1.0 + REACH) for n in size)
+    slant = math.hypot(across, along)
+    hand0, hand1, grasp0, grasp1 = corners.tolist()
+    return (
+        math.dist(hand0, hand1) <= across
+        and math.dist(grasp0, grasp1) <= across
+        and math.dist(hand0, grasp0) <= along
+        and math.dist(hand1, grasp1) <= along
+        and math.dist(hand0, grasp1) <= slant
+        and math.dist(hand1, grasp0) <= slant
+    )
 
 
 def hung(rest: Float, corners: Float) -> Float:

@@ -16,33 +16,38 @@ from numba import njit
 from clothrf_sapien.lanes import backward_panel, factor_panel, forward_panel, subtract_products
 
 PANEL = 8
+PADDING = 24
+"""Columns are padded to a multiple of this; a panel and the unknowns of a vertex divide it."""
 
 
 def band_shape(size: int, half_width: int) -> tuple[int, int]:
-    """Columns of the padded matrix (a multiple of eight) and floats a column, S.
+    """Columns of the padded matrix (a multiple of `PADDING`) and floats a column, S.
 
     Args:
         size: rows of the matrix.
         half_width: largest ``i - j`` of a nonzero entry.
     """
-    columns = -(-size // PANEL) * PANEL
+    columns = -(-size // PADDING) * PADDING
     return columns, -(-(half_width + PANEL) // PANEL) * PANEL + PANEL
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def factor(A, columns, S):  # type: ignore[no-untyped-def]
-    """Replace the matrix by its Cholesky factor L, in place; the diagonal by its inverse.
+def factor(A, begin, end, columns, S):  # type: ignore[no-untyped-def]
+    """Replace some panels of the matrix by those of its Cholesky factor L, in place.
 
-    Pivots lost to round-off are replaced by huge ones: those unknowns stay where they are.
+    The diagonal is left as its inverse. Pivots lost to round-off are replaced by huge ones: those
+    unknowns stay where they are.
 
     Args:
         A: (columns S,) float32; lower triangle in the layout above, upper triangle of the
             diagonal blocks ignored, identity in padding columns.
+        begin: first panel; those before have been factored.
+        end: last panel + 1; those from there on need not be there yet.
         columns: a multiple of eight.
         S: floats a column.
     """
     blocks = S // 8 - 1
-    for panel in range(columns // 8):
+    for panel in range(begin, end):
         for i in range(0, blocks, 2):
             earlier = min(panel, blocks - 1 - i)
             if earlier <= 0:

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clothrf_core.types import Float
-from clothrf_sapien.banded import band_shape
 from clothrf_sapien.newton import Effort, advance
+from clothrf_sapien.schwarz import Plan, plan
 from clothrf_sapien.weave import Weave, neighbours
 
 
@@ -32,10 +32,6 @@ class Cloths:
         self._pins = np.array(pins, dtype=np.int64)
         self._columns = weaves[0].columns
         self._ends = neighbours(self._columns)
-        half_width = 3 * (max(self._columns, 2) + 1) + 2
-        self._shape = band_shape(3 * self.x.shape[1], half_width)
-        self._free = np.ones(self.x.shape[1], dtype=np.bool_)
-        self._free[self._pins] = False
         self._sheets = tuple(
             np.stack([getattr(w, name) for w in weaves])
             for name in ("springs", "lengths", "limits", "bending", "mass")
@@ -44,10 +40,8 @@ class Cloths:
         self._layers = np.stack([w.layers for w in weaves])
         self._triangles = weaves[0].mesh.triangles.astype(np.int64)
         self._lift = spread(weaves[0], self._pins)
-        self._bands = [self._band()]
-
-    def _band(self) -> NDArray[np.float32]:
-        return np.zeros(self._shape[0] * self._shape[1], np.float32)
+        self._rows = weaves[0].rows
+        self._plans = [plan(self._rows, self._columns)]
 
     def advance(
         self,
@@ -81,10 +75,10 @@ class Cloths:
         parts = [chosen]
         if threads > 1:
             parts = [p for p in np.array_split(chosen, threads) if len(p)]
-        while len(self._bands) < len(parts):
-            self._bands.append(self._band())
+        while len(self._plans) < len(parts):
+            self._plans.append(plan(self._rows, self._columns))
 
-        def work(part: NDArray[np.int64], band: NDArray[np.float32]) -> NDArray[np.int64]:
+        def work(part: NDArray[np.int64], how: Plan) -> NDArray[np.int64]:
             pick = slice(int(part[0]), int(part[-1]) + 1)
             whole = len(part) == pick.stop - pick.start
             where = pick if whole else part
@@ -92,18 +86,17 @@ class Cloths:
             numbers = self._numbers[where] + np.array([0.0, extra_drag, 0.0])
             sheets = (*(array[where] for array in self._sheets), numbers, self._layers[where])
             goals = targets[where]
-            topology = (self._free, self._ends, self._columns, self._triangles, self._lift)
+            topology = (self._ends, self._columns, self._triangles, self._lift)
             tally = np.zeros((len(part), 2), np.int64)
-            columns = self._shape[1]
-            advance(x, v, self._pins, goals, sheets, *topology, dt, effort, band, columns, tally)
+            advance(x, v, self._pins, goals, sheets, *topology, dt, effort, how, tally)
             if not whole:
                 self.x[where], self.v[where] = x, v
             return tally
 
         if len(parts) == 1:
-            return work(parts[0], self._bands[0])
+            return work(parts[0], self._plans[0])
         with ThreadPoolExecutor(len(parts)) as pool:
-            return np.concatenate(list(pool.map(work, parts, self._bands)))
+            return np.concatenate(list(pool.map(work, parts, self._plans)))
 
 
 def spread(weave: Weave, pins: NDArray[np.int64]) -> Float:

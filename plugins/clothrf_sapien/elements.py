@@ -24,6 +24,7 @@ import numpy as np
 from numba import njit
 
 from clothrf_sapien.contact import press, stiffen
+from clothrf_sapien.stencil import hold
 
 
 class Sheet(NamedTuple):
@@ -37,7 +38,6 @@ class Sheet(NamedTuple):
         mass: (V,) kg.
         numbers: (3,) damping time s, drag 1/s, taut stiffness over stretch stiffness.
         pins: (P,) pinned vertices.
-        free: (V,) bool, False where the vertex is pinned.
         columns: C.
         ends: (4, 2) offsets in the vertex number of both ends of each family of springs.
     """
@@ -49,7 +49,6 @@ class Sheet(NamedTuple):
     mass: Any
     numbers: Any
     pins: Any
-    free: Any
     columns: Any
     ends: Any
 
@@ -230,7 +229,8 @@ def constant_part(sheet, h, out):  # type: ignore[no-untyped-def]
     Args:
         sheet: the cloth.
         h: the step, s.
-        out: (6, V), overwritten: the entries of vertex a with a + 0, 1, 2, C - 1, C, C + 1.
+        out: (6, V), overwritten: the entries of vertex a with a + 0, 1, C, C + 1, C - 1, 2; the
+            last is zero where one of both is pinned.
     """
     num = out.shape[1]
     columns, bending = sheet.columns, sheet.bending
@@ -245,14 +245,14 @@ def constant_part(sheet, h, out):  # type: ignore[no-untyped-def]
             out[0, a + 1] += w
             out[1, a - 1] -= 2.0 * w
             out[1, a] -= 2.0 * w
-            out[2, a - 1] += w
+            out[5, a - 1] += w
         w = bending[1, a] * scale
         if w != 0.0:
             out[0, a - columns] += 2.0 * w
             out[0, a] += 4.0 * w
             out[0, a + columns] += 2.0 * w
-            out[4, a - columns] -= 2.0 * w
-            out[4, a] -= 2.0 * w
+            out[2, a - columns] -= 2.0 * w
+            out[2, a] -= 2.0 * w
         w = bending[2, a] * scale
         if w != 0.0:
             b = a + columns
@@ -262,27 +262,37 @@ def constant_part(sheet, h, out):  # type: ignore[no-untyped-def]
             out[0, b + 1] += w
             out[1, a] -= w
             out[1, b] -= w
-            out[3, a + 1] += w
-            out[4, a] -= w
-            out[4, a + 1] -= w
-            out[5, a] += w
+            out[4, a + 1] += w
+            out[2, a] -= w
+            out[2, a + 1] -= w
+            out[3, a] += w
+    for a in sheet.pins:
+        out[5, a] = 0.0
+        if a >= 2:
+            out[5, a - 2] = 0.0
 
 
 @njit(cache=True, nogil=True, fastmath={"reassoc", "contract"}, error_model="numpy")
-def blocks(springs, sheet, past, work, out):  # type: ignore[no-untyped-def]
-    """The springs' projected 3 x 3 blocks, and every vertex' sum of those of its springs.
+def hessian(springs, sheet, past, constant, work, out):  # type: ignore[no-untyped-def]
+    """The projected Hessian, identity at pinned vertices, as a matrix of `stencil`.
+
+    Its part that reaches two columns far is the last row of `constant`.
 
     Args:
         springs: as `evaluate` left it.
         sheet: the cloth.
         past: what the step starts from.
+        constant: (6, V) as `constant_part` left it.
         work: (4, V) scratch.
-        out: (5, 6, V), overwritten: xx, xy, xz, yy, yz, zz of the four families and the sums.
+        out: (5, 6, V), overwritten.
     """
     num = springs.shape[2]
     ratio, taut = sheet.numbers[0] / past.h, sheet.numbers[2]
-    across, slope = work[0], work[1]
-    out[4] = 0.0
+    across, slope, block = work[0], work[1], work[2]
+    own = out[0]
+    own[:] = 0.0
+    for entry in (0, 3, 5):
+        own[entry] = constant[0]
     for f in range(4):
         p, q = sheet.ends[f, 0], sheet.ends[f, 1]
         n = num - q
@@ -295,70 +305,26 @@ def blocks(springs, sheet, past, work, out):  # type: ignore[no-untyped-def]
         entry = 0
         for i in range(3):
             for j in range(i, 3):
-                block, di, dj = out[f, entry], springs[f, i], springs[f, j]
+                di, dj = springs[f, i], springs[f, j]
+                target = out[1 + f, entry]
+                target[:p] = 0.0
+                target[p + n :] = 0.0
+                target, fixed = target[p : p + n], constant[1 + f, p : p + n]
+                here, there = own[entry, p : p + n], own[entry, q : q + n]
                 if i == j:
                     for a in range(n):
                         block[a] = slope[a] * di[a] * di[a] + across[a]
+                    for a in range(n):
+                        target[a] = fixed[a] - block[a]
                 else:
                     for a in range(n):
                         block[a] = slope[a] * di[a] * dj[a]
-                add(out[4, entry], p, n, block, 1.0)
-                add(out[4, entry], q, n, block, 1.0)
+                    for a in range(n):
+                        target[a] = -block[a]
+                for a in range(n):
+                    here[a] += block[a]
+                for a in range(n):
+                    there[a] += block[a]
                 entry += 1
-    stiffen(past.contacts, out[4])
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def assemble(A, S, local, constant, sheet):  # type: ignore[no-untyped-def]
-    """The projected Hessian in the layout of `banded`; identity at pinned vertices.
-
-    Args:
-        A: flat float32, overwritten.
-        S: floats a column.
-        local: as `blocks` left it.
-        constant: as `constant_part` left it.
-        sheet: the cloth.
-    """
-    num = constant.shape[1]
-    free = sheet.free
-    A[:] = 0.0
-    for j in range(3 * num, len(A) // S):
-        A[j * S + (j & 7)] = 1.0
-    for a in range(num):
-        j0 = 3 * a * S + (3 * a & 7)
-        j1 = (3 * a + 1) * S + (3 * a + 1 & 7)
-        j2 = (3 * a + 2) * S + (3 * a + 2 & 7)
-        if not free[a]:
-            A[j0] = 1.0
-            A[j1] = 1.0
-            A[j2] = 1.0
-            continue
-        c = constant[0, a]
-        A[j0] = local[4, 0, a] + c
-        A[j0 + 1] = local[4, 1, a]
-        A[j0 + 2] = local[4, 2, a]
-        A[j1] = local[4, 3, a] + c
-        A[j1 + 1] = local[4, 4, a]
-        A[j2] = local[4, 5, a] + c
-        if a + 2 < num and free[a + 2]:
-            c = constant[2, a]
-            A[j0 + 6] = c
-            A[j1 + 6] = c
-            A[j2 + 6] = c
-        for f in range(4):
-            p = sheet.ends[f, 0]
-            o = sheet.ends[f, 1] - p
-            if a < p or a + o >= num or not free[a + o]:
-                continue
-            block = local[f, :, a - p]
-            c = constant[1 if f == 0 else (4 if f == 1 else (5 if f == 2 else 3)), a]
-            k0, k1, k2 = j0 + 3 * o, j1 + 3 * o - 1, j2 + 3 * o - 2
-            A[k0] += c - block[0]
-            A[k0 + 1] -= block[1]
-            A[k0 + 2] -= block[2]
-            A[k1] -= block[1]
-            A[k1 + 1] += c - block[3]
-            A[k1 + 2] -= block[4]
-            A[k2] -= block[2]
-            A[k2 + 1] -= block[4]
-            A[k2 + 2] += c - block[5]
+    stiffen(past.contacts, own)
+    hold(out, sheet.pins, sheet.columns)

@@ -111,7 +111,8 @@ def _subtract_products(
 def _factor_panel(typing: Any, A: Any, S: Any, at: Any, blocks: Any) -> Any:
     """Cholesky of one panel: its 8 x 8 triangle, then the `blocks` of eight rows below it.
 
-    The diagonal is left as its inverse. A pivot that is not above 1e-12 is taken for 1e12.
+    The diagonal is left as its inverse. A pivot that is not above 1e-12 is taken for 1e12. The
+    roots are taken when the triangle is done (L D L^T first): each would hold up the next pivot.
     """
     integer = types.int64
     signature = types.void(A, integer, integer, integer)
@@ -128,12 +129,14 @@ def _factor_panel(typing: Any, A: Any, S: Any, at: Any, blocks: Any) -> Any:
             pivot = _lane(builder, columns[k], k)
             good = builder.fcmp_ordered(">", pivot, ir.Constant(FLOAT, 1e-12))
             pivot = builder.select(good, pivot, ir.Constant(FLOAT, 1e12))
-            inverse = builder.fdiv(ir.Constant(FLOAT, 1.0), builder.call(root, [pivot]))
-            inverses.append(inverse)
-            columns[k] = builder.fmul(columns[k], _spread(builder, inverse))
+            inverse = builder.fdiv(ir.Constant(FLOAT, 1.0), pivot)
+            inverses.append(builder.call(root, [inverse]))
+            scaled = builder.fmul(columns[k], _spread(builder, inverse))
             for j in range(k + 1, 8):
-                factor = _spread(builder, _lane(builder, columns[k], j))
+                factor = _spread(builder, _lane(builder, scaled, j))
                 columns[j] = _less(builder, columns[j], factor, columns[k])
+        for k in range(8):
+            columns[k] = builder.fmul(columns[k], _spread(builder, inverses[k]))
         for k in range(8):
             below = ir.Constant(ir.VectorType(ir.IntType(1), LANES), [i > k for i in range(LANES)])
             kept = builder.select(below, columns[k], zero)

@@ -14,18 +14,17 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import njit
 
-from clothrf_sapien.banded import factor, solve
 from clothrf_sapien.contact import MOST, TIGHTER, Contacts, find
 from clothrf_sapien.elements import (
     Past,
     Sheet,
-    assemble,
     bend,
-    blocks,
     constant_part,
     evaluate,
+    hessian,
     measure,
 )
+from clothrf_sapien.schwarz import direction
 
 GRAVITY = 9.81
 ARMIJO = 1e-4
@@ -55,30 +54,26 @@ class Scratch(NamedTuple):
     """Memory that outlives no step.
 
     Attributes:
-        A: flat band; S floats a column.
-        S: floats a column.
-        p: step, float32, padded with zeros.
+        p: (3, V) step.
         g: (3, V) gradient.
         trial: (3, V) positions.
         work: (4, V).
         springs: (4, 5, V) of `evaluate`.
-        local: (5, 6, V) of `blocks`.
+        matrix: (5, 6, V) of `hessian`.
         constant: (6, V) of `constant_part`.
     """
 
-    A: Any
-    S: Any
     p: Any
     g: Any
     trial: Any
     work: Any
     springs: Any
-    local: Any
+    matrix: Any
     constant: Any
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def descend(x, sheet, past, effort, scratch):  # type: ignore[no-untyped-def]
+def descend(x, sheet, past, effort, plan, scratch):  # type: ignore[no-untyped-def]
     """Minimise the incremental potential from `x` on, in place.
 
     Args:
@@ -86,12 +81,13 @@ def descend(x, sheet, past, effort, scratch):  # type: ignore[no-untyped-def]
         sheet: the cloth.
         past: what the step starts from.
         effort: when to stop.
+        plan: how the grid is solved.
         scratch: memory.
 
     Returns:
         Evaluations of the potential and factors made.
     """
-    A, S, p, g, trial = scratch.A, scratch.S, scratch.p, scratch.g, scratch.trial
+    p, g, trial = scratch.p, scratch.g, scratch.trial
     num = x.shape[1]
     tolerance = effort.tolerance
     if past.contacts.stiffness > 0.0:
@@ -100,19 +96,13 @@ def descend(x, sheet, past, effort, scratch):  # type: ignore[no-untyped-def]
     evaluations = 1
     factors = 0
     for _ in range(effort.iterations):
-        blocks(scratch.springs, sheet, past, scratch.work, scratch.local)
-        assemble(A, S, scratch.local, scratch.constant, sheet)
-        factor(A, len(p), S)
+        hessian(scratch.springs, sheet, past, scratch.constant, scratch.work, scratch.matrix)
+        direction(scratch.matrix, scratch.constant[5], g, sheet.pins, plan, p)
         factors += 1
-        p[:] = 0.0
-        for i in range(3):
-            for a in range(num):
-                p[3 * a + i] = -g[i, a]
-        solve(A, len(p), S, p)
         slope = 0.0
         longest = 0.0
         for a in range(num):
-            px, py, pz = p[3 * a], p[3 * a + 1], p[3 * a + 2]
+            px, py, pz = p[0, a], p[1, a], p[2, a]
             slope += g[0, a] * px + g[1, a] * py + g[2, a] * pz
             longest = max(longest, px * px + py * py + pz * pz)
         longest = np.sqrt(longest)
@@ -123,7 +113,7 @@ def descend(x, sheet, past, effort, scratch):  # type: ignore[no-untyped-def]
         for _ in range(20):
             for i in range(3):
                 for a in range(num):
-                    trial[i, a] = x[i, a] + alpha * p[3 * a + i]
+                    trial[i, a] = x[i, a] + alpha * p[i, a]
             e_trial = evaluate(trial, sheet, past, g, scratch.springs, scratch.work)
             evaluations += 1
             if e_trial <= e + ARMIJO * alpha * slope + ROUND_OFF:
@@ -149,7 +139,7 @@ def descend(x, sheet, past, effort, scratch):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def advance(  # type: ignore[no-untyped-def]
-    x, v, pins, targets, sheets, free, ends, columns, triangles, lift, dt, effort, A, S, tally
+    x, v, pins, targets, sheets, ends, columns, triangles, lift, dt, effort, plan, tally
 ):
     """Step N cloths of equal topology, one after the other, without the interpreter's lock.
 
@@ -161,15 +151,13 @@ def advance(  # type: ignore[no-untyped-def]
         sheets: springs (N, 4, V), lengths (N, 4), limits (N, 4), bending (N, 3, V), mass (N, V),
             numbers (N, 3) of each cloth's `Weave`, layers (N, 2) stiffness and thickness of its
             self-contact.
-        free: (V,) False where pinned.
         ends: (4, 2) see `Sheet`.
         columns: C.
         triangles: (M, 3) of the mesh.
         lift: (P, V) how much of a pinned vertex' unforeseen move the others are guessed to make.
         dt: seconds.
         effort: how hard to try.
-        A: `band_shape` scratch, flat float32.
-        S: floats a column.
+        plan: how the grid is solved, with its memory.
         tally: (N, 2) gets the evaluations and factors of each cloth.
     """
     springs, lengths, limits, bending, mass, numbers, layers = sheets
@@ -182,9 +170,7 @@ def advance(  # type: ignore[no-untyped-def]
     pairs, weights = np.empty((most, 4), np.int64), np.empty((most, 4))
     normals, depth, used = np.empty((most, 3)), np.empty(most), np.zeros(1, np.int64)
     scratch = Scratch(
-        A,
-        S,
-        np.zeros(len(A) // S, np.float32),
+        np.empty((3, num)),
         np.empty((3, num)),
         np.empty((3, num)),
         np.empty((4, num)),
@@ -196,8 +182,7 @@ def advance(  # type: ignore[no-untyped-def]
     goals = np.empty((len(pins), 3))
     for c in range(count):
         sheet = Sheet(
-            springs[c], lengths[c], limits[c], bending[c], mass[c], numbers[c], pins, free,
-            columns, ends,
+            springs[c], lengths[c], limits[c], bending[c], mass[c], numbers[c], pins, columns, ends,
         )  # fmt: skip
         touching = Contacts(pairs, weights, normals, depth, used, layers[c, 0], layers[c, 1])
         past = Past(x_n, y, l_n, bent_n, h, touching)
@@ -230,7 +215,7 @@ def advance(  # type: ignore[no-untyped-def]
                 for i in range(3):
                     here[i, pins[p]] = goals[p, i]
             find(past.x, here, triangles, columns, touching)
-            evaluations, factors = descend(here, sheet, past, effort, scratch)
+            evaluations, factors = descend(here, sheet, past, effort, plan, scratch)
             tally[c, 0] += evaluations
             tally[c, 1] += factors
             for a in range(num):

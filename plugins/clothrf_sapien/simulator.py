@@ -192,12 +192,11 @@ def _corners(name: str, points: Float, count: int) -> Float:
 
 def _state(x: Float, v: Float, w: Weave, time_s: float) -> ClothState:
     corners = x[w.mesh.corners]
-    size = w.mesh.rest.max(axis=0)
     return ClothState(
         vertices=x,
         velocities=v,
         hands=corners[:2].copy(),
         grasp=corners[2:].copy(),
-        feasible=reachable(corners, (float(size[0]), float(size[1]))),
+        feasible=reachable(corners, w.size),
         time_s=time_s,
     )

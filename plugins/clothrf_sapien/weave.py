@@ -36,6 +36,7 @@ class Weave:
     """A cloth as arrays; V = R C vertices, free of any pose.
 
     Attributes:
+        size: along u and v, m.
         rows: R.
         columns: C.
         springs: (4, V) stiffness of the spring from vertex a to a + 1, a + C, a + C + 1 and (from
@@ -50,6 +51,7 @@ class Weave:
         mesh: topology for the outside.
     """
 
+    size: tuple[float, float]
     rows: int
     columns: int
     springs: Float
@@ -106,6 +108,7 @@ def weave(
     mass = fabric.density * area * edge_q[:, None] * edge_p[None, :]
     hypotenuse = float(np.hypot(dp, dq))
     return Weave(
+        size=(float(width), float(length)),
         rows=nq,
         columns=np_,
         springs=springs.reshape(4, -1),

@@ -32,8 +32,6 @@ def woven(resolution: tuple[int, int] = (5, 6), fabric: Fabric = FABRIC) -> Weav
 
 
 def sheet(w: Weave, pins: Float) -> Sheet:
-    free = np.ones(len(w.mass), np.bool_)
-    free[pins] = False
     return Sheet(
         w.springs,
         w.lengths,
@@ -42,7 +40,6 @@ def sheet(w: Weave, pins: Float) -> Sheet:
         w.mass,
         w.numbers,
         np.asarray(pins, np.int64),
-        free,
         w.columns,
         neighbours(w.columns),
     )
@@ -142,6 +139,24 @@ def hessian(x: Float, w: Weave, before: Past) -> Float:
             for i, j, sign in ((a, a, 1), (b, b, 1), (a, b, -1), (b, a, -1)):
                 H[3 * i : 3 * i + 3, 3 * j : 3 * j + 3] += sign * block
     return H
+
+
+def whole(matrix: np.ndarray, second: np.ndarray, columns: int) -> Float:
+    """(3V, 3V) of a matrix of `stencil`."""
+    num = matrix.shape[2]
+    M = np.zeros((3 * num, 3 * num))
+    for s, offset in enumerate((0, 1, columns, columns + 1, columns - 1)):
+        for a in range(num - offset):
+            block = np.zeros((3, 3))
+            block[np.triu_indices(3)] = matrix[s, :, a]
+            block += np.triu(block, 1).T
+            i, j = slice(3 * a, 3 * a + 3), slice(3 * (a + offset), 3 * (a + offset) + 3)
+            M[i, j] += block
+            if offset:
+                M[j, i] += block
+    for i in range(3):
+        M[i::3, i::3] += np.diag(second[: num - 2], 2) + np.diag(second[: num - 2], -2)
+    return M
 
 
 def dense(A: np.ndarray, columns: int, S: int, size: int) -> Float:

@@ -3,7 +3,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from clothrf_sapien.banded import band_shape, factor, solve
-from clothrf_sapien.elements import assemble, bend, blocks, constant_part, evaluate, measure
+from clothrf_sapien.elements import bend, constant_part, evaluate, measure
+from clothrf_sapien.elements import hessian as compiled_hessian
+from clothrf_sapien.stencil import VERTICES, fill
 from scipy.linalg import solveh_banded
 
 from .sheets import (
@@ -15,6 +17,7 @@ from .sheets import (
     past,
     sheet,
     spring_lengths,
+    whole,
     woven,
 )
 
@@ -23,23 +26,26 @@ NOTHING = np.zeros(0, np.int64)
 
 
 def evaluated(w, x, before, pins=NOTHING):
-    """Energy, (V, 3) gradient and the springs' blocks, from the kernels."""
+    """Energy, (V, 3) gradient and the Hessian's two parts, from the kernels."""
     num = len(w.mass)
     g, springs, work = np.empty((3, num)), np.zeros((4, 5, num)), np.empty((4, num))
-    local = np.zeros((5, 6, num))
+    matrix, constant = np.full((5, 6, num), 7.0), np.empty((6, num))
     s = sheet(w, pins)
     value = evaluate(np.ascontiguousarray(x.T), s, before, g, springs, work)
-    blocks(springs, s, before, work, local)
-    return value, g.T, local
+    constant_part(s, before.h, constant)
+    compiled_hessian(springs, s, before, constant, work, matrix)
+    return value, g.T, (matrix, constant[5])
 
 
-def assembled(w, before, local, pins=NOTHING):
-    """The band as a dense matrix."""
-    num = len(w.mass)
-    columns, S = band_shape(3 * num, 3 * (max(w.columns, 2) + 1) + 2)
-    A, constant = np.full(columns * S, 7.0, np.float32), np.empty((6, num))
-    constant_part(sheet(w, pins), before.h, constant)
-    assemble(A, S, local, constant, sheet(w, pins))
+def assembled(w, parts, first=0, width=0):
+    """The band of a strip as a dense matrix."""
+    matrix, second = parts
+    width = width or w.columns
+    num = w.rows * width
+    columns, S = band_shape(3 * num, 3 * (max(width, 2) + 1) + 2)
+    A = np.full(columns * S, 7.0, np.float32)
+    for group in range(columns // (3 * VERTICES)):
+        fill(A, S, matrix, second, w.columns, first, width, group)
     return dense(A, columns, S, 3 * num)
 
 
@@ -77,10 +83,23 @@ def test_the_band_holds_the_projected_hessian(resolution) -> None:
     rng = np.random.default_rng(3)
     w = woven(resolution)
     x, before = crumpled(w, rng), past(w, rng)
-    local = evaluated(w, x, before)[2]
+    parts = evaluated(w, x, before)[2]
 
     H = hessian(x, w, before)
-    assert np.abs(assembled(w, before, local) - H).max() < 3e-7 * np.abs(H).max()
+    assert np.abs(whole(*parts, w.columns) - H).max() < 1e-12 * np.abs(H).max()
+    assert np.abs(assembled(w, parts) - H).max() < 3e-7 * np.abs(H).max()
+
+
+def test_the_band_of_a_strip_is_what_remains_when_all_other_vertices_are_held() -> None:
+    rng = np.random.default_rng(11)
+    w = woven((6, 7))
+    parts = evaluated(w, crumpled(w, rng), past(w, rng))[2]
+
+    H = whole(*parts, w.columns)
+    column = np.repeat(np.arange(len(w.mass)) % w.columns, 3)
+    kept = (column >= 2) & (column < 5)
+    strip = assembled(w, parts, first=2, width=3)
+    assert np.abs(strip - H[np.ix_(kept, kept)]).max() < 3e-7 * np.abs(H).max()
 
 
 def test_under_tension_the_hessian_is_the_gradient_s_by_finite_differences() -> None:
@@ -124,9 +143,9 @@ def test_pinned_vertices_are_no_unknowns() -> None:
     w = woven((4, 5))
     pins = np.array([0, 3, 10])
     x, before = crumpled(w, rng), past(w, rng)
-    _, g, local = evaluated(w, x, before, pins)
+    _, g, parts = evaluated(w, x, before, pins)
 
-    H = assembled(w, before, local, pins)
+    H = assembled(w, parts)
     rows = (3 * pins[:, None] + np.arange(3)).ravel()
     assert not g[pins].any()
     assert np.array_equal(H[rows], np.eye(len(H))[rows])
@@ -169,7 +188,7 @@ def test_the_banded_solver_agrees_with_scipy_in_double_precision(size, half_widt
         A[j * S + j % 8 :][: max(count, 1)] = band[:count, j] if j < size else 1.0
     x[:size] = right
 
-    factor(A, columns, S)
+    factor(A, 0, columns // 8, columns, S)
     solve(A, columns, S, x)
 
     truth = solveh_banded(band, right, lower=True)
@@ -178,12 +197,12 @@ def test_the_banded_solver_agrees_with_scipy_in_double_precision(size, half_widt
 
 
 def test_a_pivot_lost_to_round_off_freezes_its_unknown_and_nothing_else() -> None:
-    columns, S = band_shape(8, 2)
+    columns, S = band_shape(24, 2)
     A, x = np.zeros(columns * S, np.float32), np.ones(columns, np.float32)
-    A[np.arange(8) * S + np.arange(8)] = 4.0
+    A[np.arange(columns) * S + np.arange(columns) % 8] = 4.0
     A[3 * S + 3] = -1.0
 
-    factor(A, columns, S)
+    factor(A, 0, columns // 8, columns, S)
     solve(A, columns, S, x)
 
     assert x[3] == pytest.approx(0.0, abs=1e-6)

@@ -36,6 +36,7 @@ layout(set = 3, binding = 0) uniform SceneBuffer {
 layout(location = 0) in vec3 inCamera;
 layout(location = 1) in vec3 inWorld;
 layout(location = 2) in vec3 inNormal;
+layout(location = 3) in vec2 inPlace;
 
 layout(location = 0) out uvec4 outPacked;
 
@@ -46,7 +47,11 @@ void writeSurface(float visibility) {
   float cosine = max(0.0, -dot(normal, sceneBuffer.directionalLights[0].direction.xyz));
   vec3 light = sceneBuffer.ambientLight.rgb
              + visibility * cosine * sceneBuffer.directionalLights[0].emission.rgb;
-  vec3 linear = clamp(materialBuffer.baseColor.rgb * light, vec3(0.0), vec3(1.0));
+  vec3 surface = materialBuffer.baseColor.rgb;
+  if ((materialBuffer.textureMask & 1) != 0) {
+    surface = texture(colorTexture, inPlace).rgb;
+  }
+  vec3 linear = clamp(surface * light, vec3(0.0), vec3(1.0));
   uvec3 colour = uvec3(round(255.0 * pow(linear, vec3(1.0 / 2.2))));
   uint code = uint(round(materialBuffer.emission.a));
   outPacked = uvec4(colour.r | (colour.g << 8) | (colour.b << 16) | (code << 24),
