@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from clothrf_core.arrays import checked
-from clothrf_core.scene import Light, SceneMesh
+from clothrf_core.scene import Light, Pattern, SceneMesh
 from clothrf_core.types import CameraModel, Float, _set, frozen_mapping
 
 
@@ -94,6 +94,9 @@ class Randomization:
         camera: the camera that renders; what the policy is told stays the rig's nominal camera.
         light: the light.
         cloth_colour: linear RGB.
+        cloth_pattern: printed on the cloth; None = plain.
+        table_pattern: printed on the table; None = plain.
+        backdrop: what stands behind everything; None = the plain background of a `Scene`.
         hand_noise: disturbance of the person's hands.
         occluders: meshes between camera and cloth, still during the roll-out.
         sensor: numbers that only the randomiser that drew them understands (noise strengths).
@@ -103,6 +106,9 @@ class Randomization:
     camera: CameraModel
     light: Light = field(default_factory=Light)
     cloth_colour: tuple[float, float, float] = (0.10, 0.45, 0.50)
+    cloth_pattern: Pattern | None = None
+    table_pattern: Pattern | None = None
+    backdrop: SceneMesh | None = None
     hand_noise: HandNoise = field(default_factory=HandNoise)
     occluders: tuple[SceneMesh, ...] = ()
     sensor: Mapping[str, Any] = field(default_factory=frozen_mapping)

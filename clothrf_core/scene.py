@@ -6,7 +6,7 @@ Every renderer draws the same `Scene`, so their pictures can be compared pixel b
 from __future__ import annotations
 
 import enum
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 from clothrf_core.arrays import checked
 from clothrf_core.errors import ShapeError
 from clothrf_core.types import CameraModel, ClothMesh, ClothState, Float, RgbdFrame, _set
+
+NO_UV = np.zeros((0, 2))
 
 
 class Label(enum.IntEnum):
@@ -29,6 +31,30 @@ class Label(enum.IntEnum):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Pattern:
+    """A small picture of few colours that can be laid on a mesh; keeps copies of its arrays.
+
+    Attributes:
+        texels: (h, w) uint8: which colour stands where.
+        colours: (K, 3) float64, linear RGB in [0, 1].
+    """
+
+    texels: NDArray[np.uint8]
+    colours: Float
+
+    def __post_init__(self) -> None:
+        _set(
+            self,
+            texels=checked("Pattern.texels", np.array(self.texels), (None, None), np.uint8),
+            colours=checked("Pattern.colours", np.array(self.colours), (None, 3), np.float64),
+        )
+        if self.texels.size == 0 or int(self.texels.max()) >= len(self.colours):
+            raise ShapeError(
+                f"Pattern.texels: expected one number or more, all below {len(self.colours)}"
+            )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class SceneMesh:
     """A triangle mesh, visible from both sides.
 
@@ -39,6 +65,9 @@ class SceneMesh:
         colour: (3,) linear RGB in [0, 1].
         measurable: False for surfaces on which a depth camera reads nothing (bare metal, glass):
             they are drawn and hide what is behind them, and their depth is NaN.
+        pattern: what is printed on it instead of `colour`; None = nothing.
+        uv: (V, 2) float64 in [0, 1]: where each vertex lies on the pattern, from its left and from
+            its upper edge; (0, 2) without a pattern.
     """
 
     label: Label
@@ -46,11 +75,15 @@ class SceneMesh:
     triangles: NDArray[np.int32]
     colour: tuple[float, float, float] = (0.7, 0.7, 0.7)
     measurable: bool = True
+    pattern: Pattern | None = None
+    uv: Float = field(default_factory=lambda: NO_UV)
 
     def __post_init__(self) -> None:
+        places = 0 if self.pattern is None else len(self.vertices)
         _set(
             self,
             vertices=checked("SceneMesh.vertices", self.vertices, (None, 3), np.float64),
+            uv=checked("SceneMesh.uv", self.uv, (places, 2), np.float64),
             triangles=checked("SceneMesh.triangles", self.triangles, (None, 3), np.int32),
         )
         if self.triangles.size and int(self.triangles.max()) >= len(self.vertices):
@@ -58,6 +91,30 @@ class SceneMesh:
                 f"SceneMesh.triangles: expected indices below {len(self.vertices)}, got "
                 f"{int(self.triangles.max())}"
             )
+
+    def looks_like(self, other: SceneMesh) -> bool:
+        """Whether both look the same from everywhere."""
+        return (
+            (self.label, self.measurable, tuple(self.colour))
+            == (other.label, other.measurable, tuple(other.colour))
+            and self.pattern is other.pattern
+            and np.array_equal(self.vertices, other.vertices)
+            and np.array_equal(self.triangles, other.triangles)
+            and np.array_equal(self.uv, other.uv)
+        )
+
+    def copy(self) -> SceneMesh:
+        """The same with arrays of its own; the owner of these may write into them."""
+        return replace(
+            self,
+            vertices=np.array(self.vertices),
+            triangles=np.array(self.triangles),
+            uv=np.array(self.uv),
+        )
+
+    def printed(self, pattern: Pattern | None, uv: Float) -> SceneMesh:
+        """The same with `pattern` on it, each vertex at its (V, 2) place `uv`; None = plain."""
+        return self if pattern is None else replace(self, pattern=pattern, uv=uv)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -148,12 +148,19 @@ class SimulatedWorld(World):
     def scene(self) -> Scene:
         state, params = self.state, self.params
         meshes = [
-            cloth_mesh(state, self._simulator.mesh(), params.cloth_colour),
+            self._cloth_mesh(state, params),
             *self._holders.at(state),
-            self._table,
+            self._table.printed(params.table_pattern, seen_from_above(self._table)),
             *params.occluders,
         ]
+        if params.backdrop is not None:
+            meshes.append(params.backdrop)
         return Scene(meshes=tuple(meshes), light=params.light, stamp_ns=self.stamp_ns)
+
+    def _cloth_mesh(self, state: ClothState, params: Randomization) -> SceneMesh:
+        mesh = self._simulator.mesh()
+        plain = cloth_mesh(state, mesh, params.cloth_colour)
+        return plain.printed(params.cloth_pattern, mesh.rest / np.array(params.simulation.size))
 
     @override
     def camera_model(self) -> CameraModel:
@@ -246,6 +253,13 @@ def table(rig: Rig) -> SceneMesh:
         (rig.table.colour[0], rig.table.colour[1], rig.table.colour[2]),
     )
     return dataclasses.replace(mesh, measurable=rig.table.measurable)
+
+
+def seen_from_above(mesh: SceneMesh) -> Float:
+    """(V, 2) places on a pattern that covers `mesh` from above: y to the right, x downwards."""
+    low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
+    places: Float = ((mesh.vertices - low) / np.maximum(high - low, 1e-9))[:, 1::-1]
+    return places
 
 
 @dataclass(frozen=True)

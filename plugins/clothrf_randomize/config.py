@@ -9,7 +9,9 @@ from pydantic import Field
 from clothrf_core.rig import Section
 
 Family = Literal["sr300", "d435", "kinect", "disparity", "stereo"]
-Part = Literal["hands", "fabric", "size", "mesh", "camera", "light", "occluders", "sensor"]
+Part = Literal[
+    "hands", "fabric", "size", "mesh", "camera", "light", "texture", "occluders", "sensor"
+]
 # How a strength becomes the strength of one roll-out.
 Episode = Literal["uniform", "fixed"]
 
@@ -74,6 +76,30 @@ class LightSpread(Section):
     value: float = Field(0.15, ge=0.0, le=1.0, description="+- brightness of the cloth")
 
 
+class TextureSpread(Section):
+    """What is printed on cloth, table and backdrop; matters where features read colour.
+
+    Each of the three is plain, a gradient, a chequer, stripes or speckles, at random.
+    """
+
+    strength: float = Field(1.0, ge=0.0)
+    cloth: float = Field(
+        0.35, ge=0.0, le=1.0, description="brightness of the cloth's other shades, +- share"
+    )
+    cloth_hue_deg: float = Field(
+        5.0, ge=0.0, le=180.0, description="+- hue of the cloth's other shades, degrees"
+    )
+    ground: float = Field(
+        0.5, ge=0.0, le=1.0, description="share of the way to any colour that table and backdrop go"
+    )
+    keep_off_deg: float = Field(
+        60.0,
+        ge=0.0,
+        le=175.0,
+        description="hues this near to the cloth's are the cloth's alone, degrees",
+    )
+
+
 class Occluders(Section):
     """Capsules and plates between the camera and the cloth, still during a roll-out."""
 
@@ -128,6 +154,7 @@ class StandardConfig(Section):
     mesh: MeshSpread = MeshSpread()
     camera: CameraSpread = CameraSpread()
     light: LightSpread = LightSpread()
+    texture: TextureSpread = TextureSpread()
     occluders: Occluders = Occluders()
     sensor: SensorNoise = SensorNoise()
 

@@ -14,12 +14,13 @@ from clothrf_randomize.appearance import vary_light
 from clothrf_randomize.cloth import vary_cloth, vary_fabric
 from clothrf_randomize.config import StandardConfig
 from clothrf_randomize.occluders import draw_occluders
+from clothrf_randomize.prints import draw_prints
 from clothrf_randomize.sensor import Sensor
 from clothrf_randomize.viewpoint import vary_camera
 
 
 class Standard(Randomizer):
-    """Hands, fabric, size, mesh, camera, light, occluders and sensor noise, each with a strength.
+    """Hands, cloth, camera, light, textures, occluders, sensor noise, each with a strength.
 
     ``Randomization.sensor`` holds the strengths of the sensor's parts for one roll-out; a
     `Randomization` without them (a nominal one) leaves frames as they are.
@@ -32,8 +33,8 @@ class Standard(Randomizer):
     @override
     def draw(self, rng: np.random.Generator, nominal: Randomization) -> Randomization:
         config = self.config
-        fabric, cloth, camera, light, occluders, sensor = (
-            np.random.default_rng(seed) for seed in rng.integers(0, 2**63, size=6)
+        fabric, cloth, camera, light, occluders, sensor, texture = (
+            np.random.default_rng(seed) for seed in rng.integers(0, 2**63, size=7)
         )
         simulation = dataclasses.replace(
             vary_cloth(cloth, nominal.simulation, config.size, config.mesh),
@@ -41,6 +42,7 @@ class Standard(Randomizer):
         )
         moved = vary_camera(camera, nominal.camera, config.camera)
         lit, colour = vary_light(light, nominal.light, nominal.cloth_colour, config.light)
+        prints = draw_prints(texture, colour, moved, config.texture)
         hand_noise = nominal.hand_noise
         if config.hands.strength > 0.0:
             hand_noise = HandNoise(
@@ -52,6 +54,9 @@ class Standard(Randomizer):
             camera=moved,
             light=lit,
             cloth_colour=colour,
+            cloth_pattern=prints.cloth or nominal.cloth_pattern,
+            table_pattern=prints.table or nominal.table_pattern,
+            backdrop=prints.backdrop or nominal.backdrop,
             hand_noise=hand_noise,
             occluders=nominal.occluders
             + draw_occluders(occluders, moved, simulation, config.occluders),

@@ -68,6 +68,28 @@ def _finish(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def look_up(
+    shades: NDArray[np.uint8],
+    across: NDArray[np.uint8],
+    down: NDArray[np.uint8],
+    texels: NDArray[np.uint8],
+    palettes: NDArray[np.uint8],
+    rgb: NDArray[np.uint8],
+) -> None:
+    """Colour `rgb` where the three counts of it say so; see the twin in `plain`."""
+    levels = palettes.shape[1]
+    for y in range(rgb.shape[0]):
+        for x in range(rgb.shape[1]):
+            if shades[y, x, 2] > 0:
+                u = (np.int64(across[y, x, 0]) + 256 * np.int64(across[y, x, 1])) * texels.shape[1]
+                v = (np.int64(down[y, x, 0]) + 256 * np.int64(down[y, x, 1])) * texels.shape[0]
+                k = texels[v // levels, u // levels]
+                shade = np.int64(shades[y, x, 0]) + 256 * np.int64(shades[y, x, 1])
+                for c in range(3):
+                    rgb[y, x, c] = palettes[k, shade, c]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def _draw(
     vertices: Float,
     triangles: NDArray[np.int32],

@@ -14,11 +14,12 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from clothrf_core.scene import Label, Scene, SceneMesh
+from clothrf_core.scene import Label, Pattern, Scene, SceneMesh
 from clothrf_core.types import CameraModel, Float, Float32
 from clothrf_raster import shading
 from clothrf_raster.bend import Bend
 from clothrf_raster.canvas import Canvas, Ink, Keys, code_of
+from clothrf_raster.printing import print_mesh
 from clothrf_raster.spares import Spares
 from clothrf_raster.view import View
 
@@ -36,6 +37,18 @@ class Engine(Protocol):
         self, canvas: Canvas, view: View, depth: Float32, labels: NDArray[np.uint8], /
     ) -> None:
         """Write metres or NaN into `depth` and labels into `labels`, both (H, W)."""
+
+    def look_up(
+        self,
+        shades: NDArray[np.uint8],
+        across: NDArray[np.uint8],
+        down: NDArray[np.uint8],
+        texels: NDArray[np.uint8],
+        palettes: NDArray[np.uint8],
+        rgb: NDArray[np.uint8],
+        /,
+    ) -> None:
+        """Colour `rgb` (H, W, 3) where the three counts of it say so, see `printing`."""
 
     def corner_shades(self, mesh: SceneMesh, eye: Float, light: Float, /) -> Float32:
         """(M, 3) cosines to the light, see `shading`."""
@@ -118,7 +131,7 @@ class Drawing:
                 self._draw_on(self.base, mesh)
             self.kept = same
         if same < max(len(still), len(self.seen)):
-            self.seen = self.seen[:same] + [_copy(mesh) for mesh in still[same:]]
+            self.seen = self.seen[:same] + [mesh.copy() for mesh in still[same:]]
         np.copyto(self.work, self.base.keys)
         rgb = self.colours.take()
         np.copyto(rgb, self.base.rgb)
@@ -131,10 +144,21 @@ class Drawing:
         code = code_of(int(mesh.label), measurable=mesh.measurable)
         if canvas.rgb.size > 0:
             shades = self.engine.corner_shades(mesh, self.eye, self.light)
+            if mesh.pattern is not None:
+                self._print_on(canvas, mesh, mesh.pattern, Ink(code, shades))
+                return
             ink = Ink(code, shades, self._palette(mesh.colour))
         else:
             ink = Ink(code)
         self.engine.draw(canvas, self.view, mesh, ink)
+
+    def _print_on(self, canvas: Canvas, mesh: SceneMesh, pattern: Pattern, ink: Ink) -> None:
+        palettes = np.stack([self._palette((r, g, b)) for r, g, b in pattern.colours.tolist()])
+
+        def draw(layer: Canvas, counting: Ink) -> None:
+            self.engine.draw(layer, self.view, mesh, counting)
+
+        print_mesh(draw, self.engine.look_up, canvas, mesh, pattern, ink, palettes)
 
     def _palette(self, colour: Colour) -> NDArray[np.uint8]:
         key = (colour[0], colour[1], colour[2])
@@ -159,21 +183,6 @@ def _rank(mesh: SceneMesh) -> int:
 
 def _leading_equal(meshes: Sequence[SceneMesh], others: Sequence[SceneMesh]) -> int:
     for count, (a, b) in enumerate(zip(meshes, others, strict=False)):
-        same = (
-            (a.label, a.measurable, tuple(a.colour)) == (b.label, b.measurable, tuple(b.colour))
-            and np.array_equal(a.vertices, b.vertices)
-            and np.array_equal(a.triangles, b.triangles)
-        )
-        if not same:
+        if not a.looks_like(b):
             return count
     return min(len(meshes), len(others))
-
-
-def _copy(mesh: SceneMesh) -> SceneMesh:
-    return SceneMesh(
-        label=mesh.label,
-        vertices=np.array(mesh.vertices),
-        triangles=np.array(mesh.triangles),
-        colour=mesh.colour,
-        measurable=mesh.measurable,
-    )

@@ -14,10 +14,10 @@ from clothrf_core.scene import SceneMesh
 from clothrf_core.types import Float, Float32
 from clothrf_raster.canvas import HALF, ROUND, Canvas, Ink
 from clothrf_raster.plain_bend import bent_corners
-from clothrf_raster.shading import corner_shades
+from clothrf_raster.shading import LEVELS, corner_shades
 from clothrf_raster.view import View
 
-__all__ = ["corner_shades", "draw", "finish"]
+__all__ = ["corner_shades", "draw", "finish", "look_up"]
 
 ONE = np.float32(1.0)
 ZERO = np.float32(0.0)
@@ -40,6 +40,31 @@ def finish(canvas: Canvas, view: View, depth: Float32, labels: NDArray[np.uint8]
     seen = keys > canvas.empty
     depth[:] = np.where(seen & ((keys & 1) == 1), z, np.float32(np.nan))
     labels[:] = np.where(seen, 15 - ((keys >> 1) & 15), 0)
+
+
+def look_up(
+    shades: NDArray[np.uint8],
+    across: NDArray[np.uint8],
+    down: NDArray[np.uint8],
+    texels: NDArray[np.uint8],
+    palettes: NDArray[np.uint8],
+    rgb: NDArray[np.uint8],
+) -> None:
+    """Colour `rgb` (H, W, 3) where the three counts of it say so, see `printing`.
+
+    Args:
+        shades: (H, W, 3) uint8 entry of the palettes in two bytes, then whether anything is there.
+        across: the same for the place on the pattern from its left, in `LEVELS` steps.
+        down: the same from its upper edge.
+        texels: (h, w) uint8 colour numbers.
+        palettes: (K, LEVELS, 3) uint8.
+        rgb: written.
+    """
+    rows, columns = np.nonzero(shades[:, :, 2])
+    found = [c[rows, columns].astype(np.int64) for c in (shades, across, down)]
+    shade, u, v = (f[:, 0] + 256 * f[:, 1] for f in found)
+    h, w = texels.shape
+    rgb[rows, columns] = palettes[texels[v * h // LEVELS, u * w // LEVELS], shade]
 
 
 def _corners(view: View, mesh: SceneMesh, ink: Ink, *, colour: bool) -> Float:

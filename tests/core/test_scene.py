@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from clothrf_core.errors import ShapeError
-from clothrf_core.scene import Label, SceneMesh, along, box, capsule, sphere
+from clothrf_core.scene import Label, Pattern, SceneMesh, along, box, capsule, sphere
 
 RED = (1.0, 0.0, 0.0)
 
@@ -54,3 +54,23 @@ def test_a_turned_capsule_is_the_capsule_built_there(axis):
 def test_a_triangle_of_missing_vertices_is_refused():
     with pytest.raises(ShapeError, match="expected indices below 3, got 3"):
         SceneMesh(Label.CLOTH, np.zeros((3, 3)), np.array([[0, 1, 3]], np.int32))
+
+
+def test_a_pattern_of_missing_colours_is_refused():
+    with pytest.raises(ShapeError, match="all below 2"):
+        Pattern(np.array([[0, 2]], np.uint8), np.zeros((2, 3)))
+
+
+def test_a_pattern_needs_a_place_for_every_vertex():
+    pattern = Pattern(np.zeros((1, 1), np.uint8), np.zeros((1, 3)))
+    with pytest.raises(ShapeError, match=r"SceneMesh.uv: expected float64 of shape \(8, 2\)"):
+        box(np.zeros(3), np.ones(3), Label.TABLE, RED).printed(pattern, np.zeros((7, 2)))
+
+
+def test_copies_look_like_their_mesh_until_somebody_writes_into_it():
+    vertices = np.eye(3)
+    mesh = SceneMesh(Label.CLOTH, vertices, np.array([[0, 1, 2]], np.int32))
+    kept = mesh.copy()
+    assert kept.looks_like(mesh)
+    vertices += 1.0
+    assert not kept.looks_like(mesh)

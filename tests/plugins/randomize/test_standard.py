@@ -14,7 +14,7 @@ from clothrf_core.geometry import rotation_angle
 from clothrf_core.registry import Registry
 from clothrf_core.testing.randomizer import check_randomizer, same
 
-PARTS = ("hands", "fabric", "size", "mesh", "camera", "light", "occluders", "sensor")
+PARTS = ("hands", "fabric", "size", "mesh", "camera", "light", "texture", "occluders", "sensor")
 
 
 def zero(**others):
@@ -62,8 +62,11 @@ def test_strength_zero_of_one_part_leaves_the_draws_of_the_others(part, nominal)
         "fabric": {"simulation", "fabric"},
         "size": {"simulation", "size"},
         "mesh": {"simulation", "resolution"},
-        "camera": {"camera", "occluders"},  # occluders stand before the camera as it really is
-        "light": {"light", "cloth_colour"},
+        # Occluders and backdrop stand before the camera as it really is.
+        "camera": {"camera", "occluders", "backdrop"},
+        # Patterns are shades of the cloth's colour, or keep off it.
+        "light": {"light", "cloth_colour", "cloth_pattern", "table_pattern", "backdrop"},
+        "texture": {"cloth_pattern", "table_pattern", "backdrop"},
         "occluders": {"occluders"},
         "sensor": {"sensor"},
     }

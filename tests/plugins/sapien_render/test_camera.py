@@ -12,7 +12,7 @@ from clothrf_sapien.camera_config import SapienCameraConfig
 
 from clothrf_core.interfaces import RenderedCamera
 from clothrf_core.provider import BuildContext
-from clothrf_core.scene import Label, Light, Scene, SceneMesh, sphere
+from clothrf_core.scene import Label, Light, Pattern, Scene, SceneMesh, sphere
 from clothrf_core.testing.camera import checks, differences, example_camera, example_scene, quad
 
 raster = pytest.importorskip("clothrf_raster.camera")
@@ -39,6 +39,23 @@ def test_it_is_a_rendered_camera(camera):
 def both(camera, scene, model):
     drawn = raster.RasterCamera(raster_config.RasterConfig()).render(scene, model)
     return camera.render(scene, model), drawn
+
+
+def test_patterns_agree_with_the_cpu_renderer(camera):
+    model = example_camera()
+    chequer = Pattern(
+        (np.indices((6, 8)).sum(axis=0) % 2).astype(np.uint8),
+        np.array([[0.1, 0.5, 0.5], [1, 0, 0]]),
+    )
+    cloth, *rest = example_scene(model).meshes
+    places = cloth.vertices[:, :2] - cloth.vertices[:, :2].min(axis=0)
+    printed = cloth.printed(chequer, places / places.max(axis=0))
+
+    one, two = both(camera, Scene(meshes=(printed, *rest)), model)
+
+    off = np.abs(one.frame.rgb.astype(int) - two.frame.rgb).max(axis=2) > 3
+    assert off.mean() < 0.02  # along the edges of texels
+    assert len(np.unique(one.frame.rgb[one.labels == Label.CLOTH], axis=0)) > 20
 
 
 @pytest.mark.parametrize(

@@ -42,7 +42,7 @@ def test_every_triangle_is_turned_to_the_eye_with_its_normals():
     cube = box(np.zeros(3), np.ones(3), Label.TABLE, (1, 1, 1))
     eye = np.array([3.0, -4.0, 5.0])
 
-    vertices, normals = turned_to(cube, eye)
+    vertices, normals, _ = turned_to(cube, eye)
 
     corners = vertices.reshape(-1, 3, 3).astype(float)
     front = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
