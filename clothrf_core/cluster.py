@@ -32,6 +32,8 @@ SETTINGS = {
     "distributed.scheduler.work-stealing": False,
     "distributed.scheduler.active-memory-manager.start": False,
     "distributed.scheduler.http.routes": [],
+    # A worker that dies while it starts is not replaced; without any, nothing would ever end.
+    "distributed.scheduler.no-workers-timeout": "60s",
 }
 
 
@@ -71,12 +73,13 @@ class Cluster:
                 f"collection.address: expected a Dask scheduler at {section.address}, found none "
                 f"({error}). Start one, or set address = 'local'"
             ) from error
-        self._check_workers()
+        self._check_workers(timeout_s)
         self._client.register_worker_callbacks(_prepare)
 
     def run(self, jobs: Sequence[Job]) -> Iterator[tuple[Job, Any]]:
         """See `collection.Engine.run`."""
         import distributed
+        from distributed.scheduler import NoValidWorkerError, NoWorkerError
 
         pending = {self._submit(job, 0): (job, 1) for job in jobs}
         queue = distributed.as_completed(pending)
@@ -90,6 +93,11 @@ class Cluster:
                 error: Any = future.exception() if future.status == "error" else None
                 if isinstance(error, ClothrfError):
                     raise error
+                if isinstance(error, NoWorkerError | NoValidWorkerError):
+                    raise RolloutFailed(
+                        "all Dask workers are gone and none came back; everything collected is "
+                        "kept. Go on with --resume"
+                    ) from error
                 killed = isinstance(error, distributed.KilledWorker)
                 if error is not None and not killed and not isinstance(error, OSError):
                     raise error
@@ -118,10 +126,6 @@ class Cluster:
         """Process ids of the workers; of use where they run on this machine."""
         return [int(pid) for pid in self._client.run(os.getpid).values()]
 
-    def wait_for_workers(self, count: int) -> None:
-        """Return when `count` workers are there (again)."""
-        self._client.wait_for_workers(count, timeout=60)
-
     def close(self) -> None:
         """Leave the cluster; end it if it was started here."""
         self._client.close()
@@ -133,8 +137,15 @@ class Cluster:
             _run, job, key=f"{job.name}-{id(job):x}-{attempt}", retries=0, pure=False
         )
 
-    def _check_workers(self) -> None:
+    def _check_workers(self, timeout_s: float) -> None:
         here = importlib.metadata.version("clothrf")
+        try:
+            self._client.wait_for_workers(1, timeout=timeout_s)
+        except TimeoutError as error:
+            raise ConfigError(
+                f"collection.address: expected workers at {self._section.address}, found none "
+                f"within {timeout_s:.0f} s. Start some, with this version of clothrf"
+            ) from error
         try:
             there = self._client.run(_version)
         except ImportError as error:

@@ -124,6 +124,31 @@ def test_an_absent_scheduler_is_said():
         Cluster(section, timeout_s=1.0)
 
 
+def test_a_scheduler_without_workers_is_said():
+    from clothrf_core.cluster import Cluster
+
+    scheduler = distributed.LocalCluster(n_workers=0, dashboard_address=None, host="127.0.0.1")
+    try:
+        section = CollectionSection(engine="dask", address=scheduler.scheduler_address)
+        with pytest.raises(ConfigError, match="expected workers at tcp.*found none within 1 s"):
+            Cluster(section, timeout_s=1.0)
+    finally:
+        scheduler.close()
+
+
+def test_a_cluster_that_lost_all_its_workers_ends_the_run(monkeypatch):
+    from clothrf_core import cluster as module
+
+    monkeypatch.setitem(module.SETTINGS, "distributed.scheduler.no-workers-timeout", "1s")
+    runner = module.Cluster(CollectionSection(engine="dask", workers=1))
+    try:
+        runner._local.scale(0)
+        with pytest.raises(RolloutFailed, match="all Dask workers are gone"):
+            collect([Task(0, pause=1.0), Task(1)], runner)
+    finally:
+        runner.close()
+
+
 def test_a_worker_with_other_plugins_is_refused(tmp_path):
     """A worker whose environment offers one more plugin than ours."""
     from clothrf_core.cluster import Cluster
