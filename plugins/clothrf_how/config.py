@@ -66,6 +66,12 @@ class ForegroundOptions(Section):
         "what may be cloth, or than its scatter, are a hand or a gripper; 0 = do not look; the "
         "rig's hue comes first",
     )
+    complete: int = Field(
+        40,
+        ge=0,
+        description="px; the cloth is grown this far over pixels of its colour without depth that "
+        "fits, where the background has another colour; 0 = not",
+    )
     fill_gap: int = Field(
         8, ge=0, description="px; holes up to this wide, and thin things in front, are bridged"
     )

@@ -54,12 +54,14 @@ def find_corners(
 
     The robot's two are where it measures them, (2, 3) `grasp`, m from the anchor, if that is known.
     """
-    outermost = farthest(cloud.points, cloud.mask, outward(layout), np.float32(BAND))
-    seen = holders.seen[:, None]
-    points = np.where(seen, holders.points, outermost)
-    tips = np.where(seen, holders.tips, outermost)
+    points, tips = holders.points.copy(), holders.tips.copy()
+    asked = ~holders.seen
     if grasp is not None and np.isfinite(grasp).all():
         points[2:], tips[2:] = grasp, grasp
+        asked[2:] = False
+    if asked.any():
+        outermost = farthest(cloud.points, cloud.mask, outward(layout)[asked], np.float32(BAND))
+        points[asked], tips[asked] = outermost, outermost
     return Corners(holders.seen, points, tips, holders.away, holders.share, holders.foreign)
 
 
@@ -137,18 +139,19 @@ def cases(found: Corners) -> Float32:
     return values.ravel()
 
 
-def edge(start: Float, end: Float) -> Float:
+@njit(cache=True, nogil=True)
+def edge(start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.float64]:
     """(8,): horizontal normal (2), length on the ground, rise, second normal (3), length.
 
     With d the edge and z up: c = z x d / |z x d|, n = d x c / |d|, as the experts use them.
     """
     d = end - start
-    ground = float(np.hypot(d[0], d[1]))
-    length = float(np.linalg.norm(d))
+    ground = np.hypot(d[0], d[1])
+    length = np.sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2])
     cx, cy = (-d[1] / ground, d[0] / ground) if ground > 1e-6 else (0.0, 0.0)
     u = d / length if length > 1e-6 else np.zeros(3)
-    n = (-u[2] * cy, u[2] * cx, u[0] * cy - u[1] * cx)
-    return np.array([cx, cy, ground, d[2], *n, length])
+    nx, ny, nz = -u[2] * cy, u[2] * cx, u[0] * cy - u[1] * cx
+    return np.array([cx, cy, ground, d[2], nx, ny, nz, length])
 
 
 # Points are never NaN, so a maximum may be taken in any order: vector code.

@@ -12,10 +12,6 @@ CANDIDATE = 1
 ELSEWHERE = 2
 ODD = 3
 
-# Depths of one 2 x 2 block that are this close to its nearest are averaged, metres; across an edge
-# the mean of near and far would be a point in the air.
-BLOCK = np.float32(0.015)
-
 # Pieces of the picture meet across this many pixels: depth is missing along edges.
 GAP = 4
 
@@ -32,10 +28,11 @@ def reduce_pairs(
     origin: NDArray[np.float32],
     low: NDArray[np.float32],
     high: NDArray[np.float32],
+    spread: float,
 ) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
     """Depth (h, w) of 2 x 2 blocks, 0 = not measured, and the state of each block.
 
-    A block's depth is the mean of its depths that are within `BLOCK` of the nearest one in
+    A block's depth is the mean of its depths that are within `spread` of the nearest one in
     [near, far], or the largest one if none is; it is a candidate if one is and its world point
     ``origin + depth * direction`` lies in the box.
 
@@ -48,12 +45,15 @@ def reduce_pairs(
         origin: (3,) float32 camera centre, world.
         low: (3,) float32 corner of the workspace box, world.
         high: (3,) float32, the opposite corner.
+        spread: depths of a block that are this close to its nearest are averaged, metres; across
+            an edge the mean of near and far would be a point in the air.
     """
     _, h, w = directions.shape
     z = np.empty((h, w), np.float32)
     state = np.empty((h, w), np.uint8)
     lo, hi = np.float32(near), np.float32(far)
     inf, zero, one = np.float32(np.inf), np.float32(0.0), np.float32(1.0)
+    block = np.float32(spread)
     for y in range(h):
         top, bottom = depth[2 * y], depth[2 * y + 1]
         line, kind = z[y], state[y]
@@ -67,7 +67,7 @@ def reduce_pairs(
             ab = na if na < nb else nb
             cd = nc if nc < nd else nd
             nearest = ab if ab < cd else cd
-            limit = nearest + BLOCK
+            limit = nearest + block
             total = na if (na <= limit) & (na < inf) else zero
             count = one if (na <= limit) & (na < inf) else zero
             total += nb if (nb <= limit) & (nb < inf) else zero
@@ -151,123 +151,3 @@ def reach(state: NDArray[np.uint8], wanted: int) -> tuple[int, int, int, int]:
         x0, x1 = min(x0, first), max(x1, last)
         y0, y1 = min(y0, y), y + 1
     return (x0, y0, x1, y1) if y1 > 0 else (0, 0, 0, 0)
-
-
-# Sum of r, g, b below which a pixel has no colour to speak of, and bins of a chromaticity.
-DARK = 36
-BINS = 256
-# A cloth's own colours spread: five median deviations are taken as its own, this at the least.
-LEAST_SPREAD = np.float32(0.025)
-
-
-@njit(cache=True, nogil=True)
-def odd_colours(
-    state: NDArray[np.uint8],
-    rgb: NDArray[np.uint8],
-    factor: int,
-    tolerance: float,
-    box: tuple[int, int, int, int],
-) -> int:
-    """Mark as `ODD`, in place, candidates that differ in colour from most of them.
-
-    Colour is the chromaticity (r, g) / (r + g + b), which shading does not change; "most of them"
-    is its median over the candidates. Hands, arms and grippers that touch the cloth go this way.
-    Nothing happens where colours say nothing: dark pictures, or a cloth of many colours (less than
-    half of the candidates agree). How far is different depends on how much the cloth's own
-    pixels scatter, up to `tolerance`.
-
-    Args:
-        state: (h, w) uint8.
-        rgb: (factor h or more, factor w or more, 3) uint8; a block's first pixel stands for it.
-        factor: picture pixels along a block's side.
-        tolerance: of each of the two chromaticities.
-        box: half-open (x0, y0, x1, y1) that holds all candidates.
-
-    Returns:
-        Number of candidates marked.
-    """
-    x0, y0, x1, y1 = box
-    # Every third pixel of every third row, counted from the picture's corner.
-    left, top = -(-x0 // 3) * 3, -(-y0 // 3) * 3
-    red = np.zeros(BINS, np.int64)
-    green = np.zeros(BINS, np.int64)
-    most = max((y1 - top + 2) // 3 * ((x1 - left + 2) // 3), 1)
-    reds, greens = np.empty(most, np.float32), np.empty(most, np.float32)
-    totals = np.empty(most, np.float32)
-    seen = bright = 0
-    # That many are enough for a median.
-    for y in range(top, y1, 3):
-        line, kind = rgb[y * factor], state[y]
-        for x in range(left, x1, 3):
-            if kind[x] != CANDIDATE:
-                continue
-            seen += 1
-            at = np.uint64(x * factor)
-            r, g = np.float32(line[at, 0]), np.float32(line[at, 1])
-            total = r + g + np.float32(line[at, 2])
-            if total >= DARK:
-                reds[bright], greens[bright], totals[bright] = r, g, total
-                bright += 1
-    if 2 * bright <= seen:
-        return 0
-    bins, last = np.float32(BINS), np.float32(BINS - 1)
-    for i in range(bright):
-        red[int(min(bins * reds[i] / totals[i], last))] += 1
-        green[int(min(bins * greens[i] / totals[i], last))] += 1
-    middle_red, middle_green = _median(red, bright), _median(green, bright)
-    red[:] = 0
-    for i in range(bright):
-        off_red = abs(reds[i] / totals[i] - middle_red)
-        off_green = abs(greens[i] / totals[i] - middle_green)
-        red[int(min(bins * max(off_red, off_green), last))] += 1
-    own = np.float32(5.0) * _median(red, bright)
-    width = np.float32(tolerance)
-    spread = own if own > LEAST_SPREAD else LEAST_SPREAD
-    if spread < width:
-        width = spread
-    # Four counts of slack for the rounding of dark pixels.
-    slack = np.float32(4.0)
-    many = agree = 0
-    candidate, odd, dark = np.uint8(CANDIDATE), np.uint8(ODD), np.float32(DARK)
-    wide = x1 - x0
-    r8, g8, b8 = (np.empty(wide, np.uint8), np.empty(wide, np.uint8), np.empty(wide, np.uint8))
-    for y in range(y0, y1):
-        line, kind = rgb[y * factor], state[y, x0:x1]
-        # Colours apart first, so that the loop over them is vector code; an index that might be
-        # negative would be checked.
-        at = np.uint64(x0 * factor)
-        for i in range(wide):
-            r8[i] = line[at, 0]
-            g8[i] = line[at, 1]
-            b8[i] = line[at, 2]
-            at += np.uint64(factor)
-        for i in range(wide):
-            r, g = np.float32(r8[i]), np.float32(g8[i])
-            t = r + g + np.float32(b8[i])
-            limit = width * t + slack
-            far = (abs(r - middle_red * t) > limit) | (abs(g - middle_green * t) > limit)
-            told = (kind[i] == candidate) & (t >= dark)
-            r8[i] = np.uint8(1) if told else np.uint8(0)
-            kind[i] = odd if told & far else kind[i]
-        for i in range(wide):
-            agree += r8[i]
-            many += kind[i] == odd
-    if agree - many > many:
-        return many
-    for y in range(y0, y1):
-        for x in range(x0, x1):
-            if state[y, x] == ODD:
-                state[y, x] = CANDIDATE
-    return 0
-
-
-@njit(cache=True, nogil=True)
-def _median(histogram: NDArray[np.int64], total: int) -> np.float32:
-    """Median of a histogram over [0, 1], linear within its bin."""
-    below = 0
-    for i in range(histogram.size):
-        if 2 * (below + histogram[i]) >= total:
-            inside = (0.5 * total - below) / histogram[i]
-            return np.float32((i + inside) / histogram.size)
-        below += histogram[i]
-    return np.float32(1.0)

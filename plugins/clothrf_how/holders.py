@@ -24,13 +24,16 @@ SLOTS = ("hand0", "hand1", "grasp0", "grasp1")
 # it holds: a fist stands off from a cloth that hangs down behind it. What is farther only occludes.
 SMOOTH = 0.03
 TOUCH = 0.08
+# The same where the cloth's depth is not measured but continued from what is: the thing's own depth
+# counts there.
+LOST = 0.3
 # Metres from its end towards the cloth that count as a thing's tip.
 TIP = 0.008
 # Working pixels of a touch, and of the thing that touches, below which it is noise.
 LEAST_TOUCH = 4
 LEAST_AREA = 20
 # Working pixels that may lie between a thing and the cloth that it holds.
-GAP = 5
+GAP = 12
 # A thing's pixels over its touching ones, at least: a fringe of the cloth's rim in the background's
 # colour (colour and depth never match to the pixel) touches with every pixel it has.
 LEAST_DEPTH = 3.0
@@ -123,10 +126,14 @@ def find_holders(
         end[i] = tip(
             label, int(number), boxes[number], area.measured, area.view.directions, start, reach[i]
         )
-    known = None if grasp is None or not np.isfinite(grasp).all() else grasp
-    # One hand alone is the one on whose side of the rest pose it is.
+    known = np.zeros((0, 3)) if grasp is None or not np.isfinite(grasp).all() else grasp
     centre = np.zeros(3) if layout.middle is None else layout.middle - anchor
-    for slot, which in slots(middle, end, reach, table[:, 4], layout, centre, known).items():
+    found = slots(
+        middle, end, reach, table[:, 4], layout.towards_hands, layout.across, centre, known
+    )
+    for slot, which in enumerate(found):
+        if which < 0:
+            continue
         seen[slot], points[slot], away[slot] = True, middle[which], reach[which]
         tips[slot] = end[which]
         share[slot] = size[things[which]] / label.size
@@ -134,53 +141,78 @@ def find_holders(
     return Holders(seen, points, tips, away, share, foreign)
 
 
+@njit(cache=True, nogil=True)
 def slots(
-    middle: Float,
-    end: Float,
-    reach: Float,
-    size: Float,
-    layout: Layout,
-    centre: Float,
-    grasp: Float | None,
-) -> dict[int, int]:
-    """Which of n things is in which of the `SLOTS`.
+    middle: NDArray[np.float64],
+    end: NDArray[np.float64],
+    reach: NDArray[np.float64],
+    size: NDArray[np.float64],
+    towards_hands: NDArray[np.float64],
+    across: NDArray[np.float64],
+    centre: NDArray[np.float64],
+    grasp: NDArray[np.float64],
+) -> NDArray[np.int64]:
+    """(4,) which of n things is in which of the `SLOTS`, -1 = none.
 
     Args:
         middle: (n, 3) of each thing's touch, m from the anchor.
         end: (n, 3) of each thing, turned to the cloth.
         reach: (n, 3) from the touch to the middle of the thing.
         size: (n,) pixels.
-        layout: which way the person stands.
+        towards_hands: (3,) of the layout.
+        across: (3,) of the layout.
         centre: (3,) between the rest hands.
-        grasp: (2, 3) the measured grippers, if known.
+        grasp: (2, 3) the measured grippers, or (0, 3) if they are not known.
     """
-    result: dict[int, int] = {}
-    free = np.ones(len(middle), bool)
+    n = len(middle)
+    result = np.full(4, -1)
+    free = np.ones(n, np.bool_)
     origin = np.zeros(3)
-    if grasp is not None:
-        origin = grasp.mean(0)
-        apart = np.minimum(
-            ((middle[:, None] - grasp) ** 2).sum(2), ((end[:, None] - grasp) ** 2).sum(2)
-        ).ravel()
-        for pair in np.argsort(apart, kind="stable").tolist():
-            which, i = divmod(pair, 2)
-            if apart[pair] < HELD * HELD and free[which] and 2 + i not in result:
-                result[2 + i] = which
-                free[which] = False
-    # A thing is the person's if it points, and lies, to the person's side.
-    by_person = (middle - origin + 2.0 * reach) @ layout.towards_hands > 0.0
-    groups = [(0, by_person & free)]
-    if grasp is None:
-        groups.append((2, ~by_person))
-    for first, wanted in groups:
-        group = np.flatnonzero(wanted)
-        largest = group[np.argsort(-size[group], kind="stable")[:2]]
-        order = largest[np.argsort(middle[largest] @ layout.across, kind="stable")]
-        places = [first, first + 1]
-        if order.size == 1:
-            places = [first + int((middle[order[0]] - centre) @ layout.across > 0.0)]
-        result.update(zip(places, (int(which) for which in order), strict=False))
+    for i in range(len(grasp)):
+        origin += grasp[i] / len(grasp)
+    # The nearest of all pairs of a thing and a gripper, then the next.
+    for _ in range(len(grasp)):
+        nearest, which, slot = HELD * HELD, -1, -1
+        for thing in range(n):
+            for i in range(len(grasp)):
+                if free[thing] and result[2 + i] < 0:
+                    apart = min(_square(middle[thing], grasp[i]), _square(end[thing], grasp[i]))
+                    if apart < nearest:
+                        nearest, which, slot = apart, thing, i
+        if which >= 0:
+            result[2 + slot] = which
+            free[which] = False
+    for first in range(0, 4 if len(grasp) == 0 else 2, 2):
+        # A thing is the person's if it points, and lies, to the person's side.
+        one = two = -1
+        for thing in range(n):
+            side = _dot(middle[thing] - origin + 2.0 * reach[thing], towards_hands)
+            if not free[thing] or (side > 0.0) != (first == 0):
+                continue
+            if one < 0 or size[thing] > size[one]:
+                one, two = thing, one
+            elif two < 0 or size[thing] > size[two]:
+                two = thing
+        if two >= 0:
+            if _dot(middle[two], across) < _dot(middle[one], across):
+                one, two = two, one
+            result[first], result[first + 1] = one, two
+        elif one >= 0:
+            # One hand alone is the one on whose side of the rest pose it is.
+            right = _dot(middle[one] - centre, across) > 0.0
+            result[first + (1 if right else 0)] = one
     return result
+
+
+@njit(cache=True, nogil=True)
+def _dot(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
+    return float(a[0] * b[0] + a[1] * b[1] + a[2] * b[2])
+
+
+@njit(cache=True, nogil=True)
+def _square(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
+    d = a - b
+    return _dot(d, d)
 
 
 # Scalars and one sweep of the thing's own box: small arrays made for every pixel were a fifth of
@@ -243,7 +275,7 @@ def touches(
     And (labels + 1, 4): the half-open box (x0, y0, x1, y1) of each label's pixels. A pixel of a
     thing touches the cloth if, in one of the four directions, the next pixel of a thing or the
     cloth is cloth, at most `GAP` farther and within `touch` of its depth; the point counted is the
-    cloth's. All of it lies in `roi`.
+    cloth's. All of it lies in `roi`; things smaller than `LEAST_AREA` are left out.
     """
     h, w = label.shape
     table = np.zeros((size.size, 8))
@@ -251,24 +283,33 @@ def touches(
     boxes[:, 0] = w
     boxes[:, 1] = h
     limit = np.float32(touch)
+    lost = np.float32(LOST)
     x0, y0, x1, y1 = roi
     for y in range(y0, y1):
+        line = label[y]
+        some = np.int32(0)
         for x in range(x0, x1):
-            n = label[y, x]
-            if n == 0:
+            some |= line[x]
+        if some == 0:
+            continue
+        for x in range(x0, x1):
+            n = line[x]
+            if n == 0 or size[n] < LEAST_AREA:
                 continue
             d = measured[y, x]
             table[n, 4] += 1.0
-            boxes[n, 0] = min(boxes[n, 0], x)
-            boxes[n, 1] = min(boxes[n, 1], y)
-            boxes[n, 2] = max(boxes[n, 2], x + 1)
-            boxes[n, 3] = max(boxes[n, 3], y + 1)
+            box = boxes[n]
+            box[0], box[1] = min(box[0], x), min(box[1], y)
+            box[2], box[3] = max(box[2], x + 1), max(box[3], y + 1)
             for axis in range(3):
                 table[n, 5 + axis] += start[axis] + d * directions[axis, y, x]
             for k in range(4):
                 down = 1 if k == 0 else (-1 if k == 1 else 0)
                 right = 1 if k == 2 else (-1 if k == 3 else 0)
                 j, i = y + down, x + right
+                # Within the thing: the usual case.
+                if 0 <= j < h and 0 <= i < w and label[j, i] == n:
+                    continue
                 gap = 0
                 # Next to an edge depth sensors see nothing, or specks of anything.
                 while (
@@ -282,6 +323,8 @@ def touches(
                 if not (0 <= j < h and 0 <= i < w) or not mask[j, i]:
                     continue
                 c = depth[j, i]
+                if measured[j, i] <= 0.0 and abs(c - d) < lost:
+                    c = d
                 if abs(c - d) < limit:
                     table[n, 0] += 1.0
                     for axis in range(3):

@@ -54,32 +54,58 @@ def _across(
         depth[y - k * dy, x - k * dx] = a + slope * np.float32(i)
 
 
+@njit(cache=True, nogil=True)
+def replace_known(
+    z: NDArray[np.float32], by: NDArray[np.float32], box: tuple[int, int, int, int]
+) -> None:
+    """Write (h, w) `by` over `z`, in place, within the half-open `box` where both are positive."""
+    x0, y0, x1, y1 = box
+    zero = np.float32(0.0)
+    for y in range(y0, y1):
+        row, new = z[y, x0:x1], by[y, x0:x1]
+        for i in range(x1 - x0):
+            row[i] = new[i] if (row[i] > zero) & (new[i] > zero) else row[i]
+
+
 # Rows and columns without a hole are left alone: 42 us instead of 125 a frame.
 @njit(cache=True, nogil=True)
 def bridge(
-    mask: NDArray[np.bool_],
+    label: NDArray[np.int32],
+    kept: NDArray[np.int32],
     z: NDArray[np.float32],
     gap: int,
     jump: float,
     box: tuple[int, int, int, int],
 ) -> tuple[NDArray[np.bool_], NDArray[np.float32]]:
-    """Mask and depth with holes of up to `gap` pixels filled along rows, then along columns.
+    """The pieces that are kept, with holes of up to `gap` pixels filled along rows, then columns.
 
     A run of pixels between two foreground pixels is filled by linear interpolation unless
-    something is measured `jump` behind it there: then one really looks past the cloth. The mask is
-    empty outside the half-open `box`.
+    something is measured `jump` behind it there: then one really looks past the cloth.
+
+    Args:
+        label: (h, w) int32 pieces.
+        kept: (K,) int32, the pieces that are kept.
+        z: (h, w) float32 metres, 0 = not measured.
+        gap: pixels.
+        jump: metres.
+        box: half-open (x0, y0, x1, y1) outside which nothing is labelled.
 
     Returns:
         (h, w) bool; (h, w) float32 metres, 0 outside the mask.
     """
-    h, w = mask.shape
-    full = mask.copy()
+    h, w = label.shape
+    mask = np.zeros((h, w), np.bool_)
     depth = np.zeros((h, w), np.float32)
     zero = np.float32(0.0)
     x0, y0, x1, y1 = box
     limit = np.float32(jump)
     for y in range(y0, y1):
         row, inside, line = z[y, x0:x1], mask[y, x0:x1], depth[y, x0:x1]
+        piece = label[y, x0:x1]
+        for n in range(kept.size):
+            number = kept[n]
+            for i in range(x1 - x0):
+                inside[i] |= piece[i] == number
         many = np.int32(0)
         for i in range(x1 - x0):
             line[i] = row[i] if inside[i] else zero
@@ -96,13 +122,13 @@ def bridge(
             if mask[y, x]:
                 n = x - last - 1
                 if 0 < n <= gap:
-                    _across(z, depth, y, x, 0, 1, n, limit, full)
+                    _across(z, depth, y, x, 0, 1, n, limit, mask)
                 last = x
     top = np.full(x1 - x0, h, np.int32)
     low = np.full(x1 - x0, -1, np.int32)
     number = np.zeros(x1 - x0, np.int32)
     for y in range(y0, y1):
-        inside, here = full[y, x0:x1], np.int32(y)
+        inside, here = mask[y, x0:x1], np.int32(y)
         for i in range(x1 - x0):
             one = inside[i]
             top[i] = here if one & (here < top[i]) else top[i]
@@ -114,12 +140,12 @@ def bridge(
         x = x0 + i
         last = h
         for y in range(top[i], low[i] + 1):
-            if full[y, x]:
+            if mask[y, x]:
                 n = y - last - 1
                 if 0 < n <= gap:
-                    _across(z, depth, y, x, 1, 0, n, limit, full)
+                    _across(z, depth, y, x, 1, 0, n, limit, mask)
                 last = y
-    return full, depth
+    return mask, depth
 
 
 # Sums of a row may be added in any order: vector code.

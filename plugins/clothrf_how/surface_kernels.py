@@ -29,26 +29,33 @@ def _cut(
     runs: NDArray[np.int32],
     parent: NDArray[np.int32],
     count: int,
+    linked: NDArray[np.uint8],
 ) -> int:
-    """Append the runs of one row; how many there are then."""
+    """Append the runs of one row; how many there are then. `linked` is (w,) scratch."""
     some = np.uint8(0)
     for x in range(x0, x1):
         some |= np.uint8(state[x] == wanted)
     if some == 0:
         return count
-    inside = False
-    for x in range(x0, x1):
-        here = state[x] == wanted
-        if inside and not (here and abs(row[x] - row[x - 1]) < limit):
-            runs[count - 1, 2] = x
-            inside = False
-        if here and not inside:
-            runs[count, 0], runs[count, 1] = y, x
-            parent[count] = count
-            count += 1
-            inside = True
-    if inside:
-        runs[count - 1, 2] = x1
+    linked[x0] = np.uint8(0)
+    here, before, kind, left = row[x0 + 1 : x1], row[x0 : x1 - 1], state[x0 + 1 : x1], state[x0:x1]
+    link = linked[x0 + 1 : x1]
+    for i in range(x1 - x0 - 1):
+        near = abs(here[i] - before[i]) < limit
+        link[i] = np.uint8(near & (kind[i] == wanted) & (left[i] == wanted))
+    x = x0
+    while x < x1:
+        while x < x1 and state[x] != wanted:
+            x += 1
+        if x == x1:
+            break
+        runs[count, 0], runs[count, 1] = y, x
+        parent[count] = count
+        x += 1
+        while x < x1 and linked[x]:
+            x += 1
+        runs[count, 2] = x
+        count += 1
     return count
 
 
@@ -85,6 +92,7 @@ def surfaces(
     # Row, first and one past the last column of each run; parents for the union-find.
     runs = np.empty((max(64, 4 * (y1 - y0)), 3), np.int32)
     parent = np.empty(len(runs), np.int32)
+    linked = np.empty(z.shape[1], np.uint8)
     count = 0
     above = upper = 0
     for y in range(y0, y1):
@@ -94,7 +102,7 @@ def surfaces(
             more[:count], parents[:count] = runs[:count], parent[:count]
             runs, parent = more, parents
         row, first = z[y], count
-        count = _cut(y, row, state[y], limit, kind, x0, x1, runs, parent, count)
+        count = _cut(y, row, state[y], limit, kind, x0, x1, runs, parent, count, linked)
         # Runs above and here, both from left to right.
         k = above
         for n in range(first, count):

@@ -5,8 +5,9 @@ import itertools
 
 import numpy as np
 import pytest
+from clothrf_how import colour_kernels as colour
 from clothrf_how import foreground_kernels as kernels
-from clothrf_how import mask_kernels, surface_kernels
+from clothrf_how import mask_kernels, noise_kernels, surface_kernels
 from clothrf_how.config import FeatureOptions, ForegroundOptions
 from clothrf_how.extractor import Extractor
 from clothrf_how.foreground import View, anchor, foreground, hue_mask
@@ -90,11 +91,12 @@ def test_a_finger_thin_thing_in_front_is_bridged(sheet, find):
 
 
 def test_small_holes_are_bridged_and_large_ones_are_not(sheet, find):
-    depth = np.array(sheet.depth)
+    depth, rgb = np.array(sheet.depth), np.array(sheet.rgb)
     depth[200:210, 300:310] = np.nan
     depth[240:300, 300:360] = np.nan
+    rgb[240:300, 300:360] = (190, 180, 170)
 
-    mask = find(_with(sheet, depth)).mask
+    mask = find(_with(sheet, depth, rgb)).mask
 
     assert mask[100:105, 150:155].all()
     assert not mask[130:140, 160:170].any()
@@ -182,10 +184,11 @@ def test_the_compiled_block_reduction_equals_numpy(rig, sheet, factor):
     view = View.of(sheet.camera, factor)
     low, high = np.array(where.low, np.float32), np.array(where.high, np.float32)
 
-    reduce = kernels.reduce_pairs if factor == 2 else kernels.reduce_pixels
-    z, state = reduce(
-        depth, where.depth_min, where.depth_max, view.directions, view.origin, low, high
-    )
+    given = (depth, where.depth_min, where.depth_max, view.directions, view.origin, low, high)
+    if factor == 2:
+        z, state = kernels.reduce_pairs(*given, 0.015)
+    else:
+        z, state = kernels.reduce_pixels(*given)
 
     want_z, want_state = _reduced(depth, where, view, low, high)
     np.testing.assert_array_equal(state, want_state)
@@ -201,7 +204,7 @@ def _reduced(depth, where, view, low, high):
     with np.errstate(invalid="ignore"):
         inside = (block >= near) & (block <= far)
         nearest = np.where(inside, block, np.inf).min(axis=2)
-        close = inside & (block <= nearest[..., None] + kernels.BLOCK)
+        close = inside & (block <= nearest[..., None] + np.float32(0.015))
         farthest = np.where((block > 0) & (block < np.inf), block, 0.0).max(axis=2)
     total = np.where(close, block, 0).sum(axis=2)
     z = np.where(np.isinf(nearest), farthest, total / np.maximum(close.sum(axis=2), 1))
@@ -248,12 +251,13 @@ def test_the_compiled_surfaces_equal_a_flood_fill():
 
 def test_the_compiled_bridge_equals_plain_python():
     rng = np.random.default_rng(4)
-    mask = rng.random((25, 35)) < 0.5
+    label = rng.integers(0, 4, (25, 35)).astype(np.int32)
+    mask = (label == 1) | (label == 3)
     z = np.where(mask, 0.5 + 0.01 * rng.random(mask.shape), 0.0).astype(np.float32)
     behind = ~mask & (rng.random(mask.shape) < 0.2)
     z[behind] = 0.9
 
-    full, depth = mask_kernels.bridge(mask, z, 3, 0.02, (0, 0, 35, 25))
+    full, depth = mask_kernels.bridge(label, np.array([3, 1], np.int32), z, 3, 0.02, (0, 0, 35, 25))
 
     want, values = _bridged(mask, np.where(mask, z, 0), z)
     turned, turned_values = _bridged(want.T, values.T, z.T)
@@ -308,18 +312,132 @@ def test_the_reach_of_a_state_is_its_bounding_box():
     assert kernels.reach(state, 0) == (0, 0, 9, 7)
 
 
-def test_odd_colours_are_marked_unless_the_cloth_is_of_many():
-    rng = np.random.default_rng(0)
+def _colours():
     rgb = np.full((40, 40, 3), (30, 120, 130), np.uint8)
     rgb[:10] = (200, 150, 130)
+    return rgb
+
+
+def _shaded(state, rgb, tolerance=0.08):
+    box = (0, 0, *state.shape[::-1])
+    found = colour.cloth_colour(state, rgb, 1, tolerance, box)
+    shade = colour.shades(rgb, 1, found, state.shape)
+    return shade, colour.mark_odd(state, shade, box)
+
+
+def test_odd_colours_are_marked():
     state = np.ones((40, 40), np.uint8)
-    many = rng.integers(40, 255, (40, 40, 3)).astype(np.uint8)
-    untouched = state.copy()
 
-    count = kernels.odd_colours(state, rgb, 1, 0.08, (0, 0, 40, 40))
+    _, counts = _shaded(state, _colours())
 
-    assert count == 400
+    assert counts == (1200, 400)
     assert (state[:10] == kernels.ODD).all()
     assert (state[10:] == kernels.CANDIDATE).all()
-    assert kernels.odd_colours(untouched, many, 1, 0.02, (0, 0, 40, 40)) == 0
-    assert (untouched == kernels.CANDIDATE).all()
+
+
+def test_a_cloth_of_many_colours_has_no_odd_ones():
+    state = np.ones((40, 40), np.uint8)
+    many = np.random.default_rng(0).integers(40, 255, (40, 40, 3)).astype(np.uint8)
+
+    _, (agree, differ) = _shaded(state, many, tolerance=0.02)
+
+    assert agree < differ
+    assert (state == kernels.CANDIDATE).all()
+
+
+def test_dark_pixels_have_no_colour():
+    rgb = _colours()
+    rgb[:, :5] = 3
+
+    shade, _ = _shaded(np.ones((40, 40), np.uint8), rgb)
+
+    assert (shade[:, :5] == colour.UNTOLD).all()
+    assert colour.cloth_colour(np.ones((9, 9), np.uint8), rgb[:9, :5], 1, 0.1, (0, 0, 5, 9))[2] == 0
+
+
+@pytest.mark.parametrize("factor", [1, 2, 3])
+def test_the_compiled_shades_equal_numpy(factor):
+    rng = np.random.default_rng(3)
+    rgb = rng.integers(0, 256, (24, 36, 3)).astype(np.uint8)
+    rgb[: 2 * factor] //= 20
+    h, w = 24 // factor, 36 // factor
+    wanted = colour.Colour(np.float32(0.3), np.float32(0.35), np.float32(0.1))
+
+    got = colour.shades(rgb, factor, wanted, (h, w))
+
+    first = rgb[::factor, ::factor].astype(np.float32)
+    total = first.sum(axis=2)
+    off = np.abs(first[..., :2] - total[..., None] * np.array([0.3, 0.35], np.float32)).max(axis=2)
+    near = off <= 0.1 * total + 4
+    clear = np.abs(off - 0.1 * total - 4) > 1e-3
+    want = np.where(total < colour.DARK, colour.UNTOLD, np.where(near, colour.OWN, colour.OTHER))
+    np.testing.assert_array_equal(got[clear], want[clear])
+    assert set(np.unique(got)) == {0, 1, 2}
+
+
+def test_cloth_that_the_sensor_lost_is_grown_by_its_colour(sheet, find):
+    depth = np.array(sheet.depth)
+    columns = np.flatnonzero(np.isfinite(depth).any(axis=0))
+    depth[240:300, 300:360] = np.nan
+    depth[:, : columns[0] + 50] = np.nan
+
+    area = find(_with(sheet, depth))
+
+    assert _overlap(area.mask, _truth(sheet)) > 0.98
+    assert np.abs(area.depth - sheet.depth[::2, ::2])[area.mask & _truth(sheet)].max() < 0.05
+
+
+def test_a_background_of_the_cloths_colour_grows_nothing(sheet, find):
+    rgb = np.full_like(sheet.rgb, (30, 120, 130))
+
+    assert _overlap(find(_with(sheet, sheet.depth, rgb)).mask, _truth(sheet)) > 0.98
+
+
+def test_hands_larger_than_what_is_left_of_the_cloth_are_not_the_cloth(sheet, find):
+    depth, rgb = np.array(sheet.depth), np.array(sheet.rgb)
+    left = int(np.flatnonzero(np.isfinite(depth).any(axis=0))[0])
+    hand, lost, end = left + 100, left + 170, left + 220
+    depth[:, hand:lost] = depth[:, end:] = np.nan
+    rgb[:, end:] = 0
+    rgb[:, :hand][np.isfinite(depth[:, :hand])] = (200, 150, 130)
+
+    mask = find(_with(sheet, depth, rgb)).mask
+
+    assert not mask[:, : hand // 2 - 1].any()
+    assert mask[:, hand // 2 + 5 : end // 2 - 1].mean() > 0.5
+
+
+def test_the_noise_of_a_picture_is_measured(sheet):
+    rng = np.random.default_rng(5)
+    for sigma in (0.001, 0.004, 0.012):
+        depth = sheet.depth + rng.normal(0, sigma, sheet.depth.shape).astype(np.float32)
+        assert noise_kernels.noise(depth, 0.1, 2.0) == pytest.approx(sigma, rel=0.15)
+    assert noise_kernels.noise(np.full((64, 64), np.nan, np.float32), 0.1, 2.0) == 0.0
+
+
+def test_a_noisy_picture_is_calmed_without_bias(sheet, find):
+    rng = np.random.default_rng(6)
+    depth = sheet.depth + rng.normal(0, 0.02, sheet.depth.shape).astype(np.float32)
+
+    noisy, clean = find(_with(sheet, depth)), find(sheet)
+
+    both = noisy.mask & clean.mask
+    assert _overlap(noisy.mask, clean.mask) > 0.95
+    wrong = (noisy.depth - clean.depth)[both]
+    assert abs(wrong.mean()) < 0.002
+    assert wrong.std() < 0.006
+
+
+def test_the_compiled_calming_equals_numpy():
+    rng = np.random.default_rng(7)
+    mask = rng.random((20, 30)) < 0.6
+    mask[:3] = mask[:, :2] = False
+    depth = np.where(mask, rng.random((20, 30)), 0.0).astype(np.float32)
+
+    got = noise_kernels.calmed(depth, mask, 2, (2, 3, 30, 20))
+
+    want = np.zeros((20, 30))
+    for y, x in np.argwhere(mask):
+        part = np.s_[max(y - 2, 0) : y + 3, max(x - 2, 0) : x + 3]
+        want[y, x] = depth[part].sum() / mask[part].sum()
+    np.testing.assert_allclose(got, want, atol=1e-5)

@@ -1,0 +1,330 @@
+"""Compiled loops over colour: what colour the cloth has, what differs, and what shares it."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from clothrf_how.foreground_kernels import CANDIDATE, ODD
+
+# Shades of a working pixel: no colour to speak of, the cloth's colour, another one.
+UNTOLD = 0
+OWN = 1
+OTHER = 2
+
+# Sum of r, g, b below which a pixel has no colour to speak of, and bins of a chromaticity.
+DARK = 36
+BINS = 256
+# A cloth's own colours spread: five median deviations are taken as its own, this at the least.
+LEAST_SPREAD = np.float32(0.025)
+# Counts of slack for the rounding of dark pixels.
+SLACK = np.float32(4.0)
+# Every so many rows and columns are enough for a median.
+EVERY = 4
+# A growth that has not ended after `reach` pixels covers the background.
+ALIVE = 0.02
+
+
+class Colour(NamedTuple):
+    """The cloth's colour as a chromaticity (r, g) / (r + g + b), which shading does not change.
+
+    Attributes:
+        red: of the median candidate.
+        green: the same.
+        width: how far the cloth's own pixels are from it; 0 = colours say nothing.
+    """
+
+    red: np.float32
+    green: np.float32
+    width: np.float32
+
+
+@njit(cache=True, nogil=True)
+def cloth_colour(
+    state: NDArray[np.uint8],
+    rgb: NDArray[np.uint8],
+    factor: int,
+    tolerance: float,
+    box: tuple[int, int, int, int],
+) -> Colour:
+    """The median chromaticity of the candidates, and how much they scatter, up to `tolerance`.
+
+    Args:
+        state: (h, w) uint8.
+        rgb: (factor h or more, factor w or more, 3) uint8; a block's first pixel stands for it.
+        factor: picture pixels along a block's side.
+        tolerance: of each of the two chromaticities.
+        box: half-open (x0, y0, x1, y1) that holds all candidates.
+    """
+    x0, y0, x1, y1 = box
+    left, top = -(-x0 // EVERY) * EVERY, -(-y0 // EVERY) * EVERY
+    red = np.zeros(BINS, np.int64)
+    green = np.zeros(BINS, np.int64)
+    most = max(-(-(y1 - top) // EVERY) * -(-(x1 - left) // EVERY), 1)
+    reds, greens = np.empty(most, np.float32), np.empty(most, np.float32)
+    seen = bright = 0
+    bins, last = np.float32(BINS), np.float32(BINS - 1)
+    for y in range(top, y1, EVERY):
+        line, kind = rgb[y * factor], state[y]
+        for x in range(left, x1, EVERY):
+            if kind[x] != CANDIDATE:
+                continue
+            seen += 1
+            at = np.uint64(x * factor)
+            r, g = np.float32(line[at, 0]), np.float32(line[at, 1])
+            total = r + g + np.float32(line[at, 2])
+            if total >= DARK:
+                reds[bright], greens[bright] = r / total, g / total
+                red[int(min(bins * reds[bright], last))] += 1
+                green[int(min(bins * greens[bright], last))] += 1
+                bright += 1
+    zero = np.float32(0.0)
+    if 2 * bright <= seen or tolerance <= 0.0:
+        return Colour(zero, zero, zero)
+    middle_red, middle_green = _median(red, bright), _median(green, bright)
+    red[:] = 0
+    for i in range(bright):
+        off = max(abs(reds[i] - middle_red), abs(greens[i] - middle_green))
+        red[int(min(bins * off, last))] += 1
+    own = max(np.float32(5.0) * _median(red, bright), LEAST_SPREAD)
+    return Colour(middle_red, middle_green, min(own, np.float32(tolerance)))
+
+
+@njit(cache=True, nogil=True)
+def _median(histogram: NDArray[np.int64], total: int) -> np.float32:
+    """Median of a histogram over [0, 1], linear within its bin."""
+    below = 0
+    for i in range(histogram.size):
+        if 2 * (below + histogram[i]) >= total:
+            inside = (0.5 * total - below) / histogram[i]
+            return np.float32((i + inside) / histogram.size)
+        below += histogram[i]
+    return np.float32(1.0)
+
+
+@njit(cache=True, nogil=True)
+def shades(
+    rgb: NDArray[np.uint8], factor: int, colour: Colour, shape: tuple[int, int]
+) -> NDArray[np.uint8]:
+    """(h, w) uint8 `UNTOLD`, `OWN` or `OTHER`: which blocks have the cloth's colour.
+
+    Args:
+        rgb: (factor h or more, factor w or more, 3) uint8; a block's first pixel stands for it.
+        factor: picture pixels along a block's side.
+        colour: the cloth's.
+        shape: (h, w).
+    """
+    h, w = shape
+    result = np.empty((h, w), np.uint8)
+    r8, g8, b8 = np.empty(w, np.uint8), np.empty(w, np.uint8), np.empty(w, np.uint8)
+    red, green, width = colour
+    untold, own, other = np.uint8(UNTOLD), np.uint8(OWN), np.uint8(OTHER)
+    dark = np.float32(DARK)
+    for y in range(h):
+        line, shade = rgb[y * factor].reshape(-1), result[y]
+        # Colours apart first, and one stride known when compiling: only then is it vector code.
+        if factor == 2:
+            _every_sixth(line, r8)
+            _every_sixth(line[1:], g8)
+            _every_sixth(line[2:], b8)
+        else:
+            for i in range(w):
+                at = 3 * factor * i
+                r8[i], g8[i], b8[i] = line[at], line[at + 1], line[at + 2]
+        for i in range(w):
+            r, g = np.float32(r8[i]), np.float32(g8[i])
+            t = r + g + np.float32(b8[i])
+            limit = width * t + SLACK
+            far = (abs(r - red * t) > limit) | (abs(g - green * t) > limit)
+            told = other if far else own
+            shade[i] = untold if t < dark else told
+    return result
+
+
+@njit(cache=True, nogil=True)
+def _every_sixth(line: NDArray[np.uint8], out: NDArray[np.uint8]) -> None:
+    for i in range(out.size):
+        out[i] = line[6 * i]
+
+
+@njit(cache=True, nogil=True)
+def mark_odd(
+    state: NDArray[np.uint8], shade: NDArray[np.uint8], box: tuple[int, int, int, int]
+) -> tuple[int, int]:
+    """Mark as `ODD`, in place, candidates of another colour than the cloth's.
+
+    Hands, arms and grippers that touch the cloth go this way. Nothing is marked where colours say
+    nothing: a cloth of many colours, less than half of whose candidates agree.
+
+    Args:
+        state: (h, w) uint8.
+        shade: (h, w) uint8 of `shades`.
+        box: half-open (x0, y0, x1, y1) that holds all candidates.
+
+    Returns:
+        Candidates of the cloth's colour, and of another one.
+    """
+    x0, y0, x1, y1 = box
+    agree = differ = 0
+    candidate, odd = np.uint8(CANDIDATE), np.uint8(ODD)
+    own, other = np.uint8(OWN), np.uint8(OTHER)
+    for y in range(y0, y1):
+        kind, told = state[y, x0:x1], shade[y, x0:x1]
+        same, different = np.int32(0), np.int32(0)
+        for i in range(x1 - x0):
+            here = kind[i] == candidate
+            same += np.int32(here & (told[i] == own))
+            different += np.int32(here & (told[i] == other))
+        agree += int(same)
+        differ += int(different)
+    if agree > differ > 0:
+        for y in range(y0, y1):
+            kind, told = state[y, x0:x1], shade[y, x0:x1]
+            for i in range(x1 - x0):
+                kind[i] = odd if (kind[i] == candidate) & (told[i] == other) else kind[i]
+    return agree, differ
+
+
+@njit(cache=True, nogil=True)
+def open_to_cloth(
+    shade: NDArray[np.uint8],
+    state: NDArray[np.uint8],
+    label: NDArray[np.int32],
+    area: NDArray[np.int32],
+    least: int,
+) -> tuple[NDArray[np.bool_], float]:
+    """(h, w) bool: pixels of the cloth's colour that no large piece holds.
+
+    And the share of what is no candidate that has this colour: the background's.
+
+    Args:
+        shade: (h, w) uint8 of `shades`.
+        state: (h, w) uint8.
+        label: (h, w) int32 pieces, 0 = none.
+        area: (labels + 1,) int32 pixels of each piece.
+        least: pixels of a large piece.
+    """
+    h, w = shade.shape
+    result = np.empty((h, w), np.bool_)
+    large = area >= least
+    large[0] = False
+    own, candidate = np.uint8(OWN), np.uint8(CANDIDATE)
+    behind = alike = 0
+    for y in range(h):
+        row, kind, line, piece = shade[y], state[y], result[y], label[y]
+        many, same, inside = np.int32(0), np.int32(0), np.int32(0)
+        for x in range(w):
+            here = row[x] == own
+            line[x] = here
+            other = kind[x] != candidate
+            many += np.int32(other)
+            same += np.int32(other & here)
+            inside |= piece[x]
+        if inside != 0:
+            for x in range(w):
+                if large[piece[x]]:
+                    line[x] = False
+        behind += int(many)
+        alike += int(same)
+    return result, alike / max(behind, 1)
+
+
+@njit(cache=True, nogil=True)
+def complete(
+    mask: NDArray[np.bool_],
+    depth: NDArray[np.float32],
+    z: NDArray[np.float32],
+    open_: NDArray[np.bool_],
+    jump: float,
+    stand_off: float,
+    reach: int,
+    box: tuple[int, int, int, int],
+) -> tuple[int, int, int, int]:
+    """Grow the cloth, in place, over pixels of its colour that a sensor lost or tore off.
+
+    Pixel by pixel outwards from the mask, up to `reach` pixels far. A pixel's depth is that of the
+    one it is reached from, or follows what is measured there by at most `jump` a pixel. Where the
+    growth has not come to an end by then the background has the cloth's colour, and nothing is
+    grown.
+
+    Args:
+        mask: (h, w) bool, changed.
+        depth: (h, w) float32 metres, 0 outside the mask, changed.
+        z: (h, w) float32 measured depth, 0 = none.
+        open_: (h, w) bool of `open_to_cloth`.
+        jump: metres a pixel.
+        stand_off: metres; what is measured farther off than this is something else.
+        reach: pixels.
+        box: half-open (x0, y0, x1, y1) that holds the mask.
+
+    Returns:
+        The half-open box that holds the mask now.
+    """
+    limit, off = np.float32(jump), np.float32(stand_off)
+    h, w = mask.shape
+    x0, y0, x1, y1 = box
+    front = np.empty((1024, 2), np.int32)
+    area = grown = 0
+    for y in range(y0, y1):
+        inside, above, below = mask[y], mask[max(y - 1, 0)], mask[min(y + 1, h - 1)]
+        for x in range(x0, x1):
+            if not inside[x]:
+                continue
+            area += 1
+            if inside[max(x - 1, 0)] & inside[min(x + 1, w - 1)] & above[x] & below[x]:
+                continue
+            front, grown = _reached(y, x, mask, depth, z, open_, limit, off, front, grown)
+    start, end = 0, grown
+    for _ in range(reach - 1):
+        if start == end:
+            break
+        for n in range(start, end):
+            y, x = front[n, 0], front[n, 1]
+            front, grown = _reached(y, x, mask, depth, z, open_, limit, off, front, grown)
+        start, end = end, grown
+    if end - start > ALIVE * area or grown > 2 * area:
+        for n in range(grown):
+            depth[front[n, 0], front[n, 1]] = np.float32(0.0)
+        return box
+    for n in range(grown):
+        y, x = front[n, 0], front[n, 1]
+        mask[y, x] = True
+        x0, y0, x1, y1 = min(x0, x), min(y0, y), max(x1, x + 1), max(y1, y + 1)
+    return x0, y0, x1, y1
+
+
+@njit(cache=True, nogil=True)
+def _reached(
+    y: int,
+    x: int,
+    mask: NDArray[np.bool_],
+    depth: NDArray[np.float32],
+    z: NDArray[np.float32],
+    open_: NDArray[np.bool_],
+    limit: np.float32,
+    off: np.float32,
+    front: NDArray[np.int32],
+    grown: int,
+) -> tuple[NDArray[np.int32], int]:
+    """Give the neighbours of (y, x) a depth and append them to the front; it, and its length."""
+    h, w = mask.shape
+    for k in range(4):
+        j = y + (1 if k == 0 else (-1 if k == 1 else 0))
+        i = x + (1 if k == 2 else (-1 if k == 3 else 0))
+        if not (0 <= j < h and 0 <= i < w) or not open_[j, i] or depth[j, i] > 0.0:
+            continue
+        if grown == len(front):
+            longer = np.empty((2 * grown, 2), np.int32)
+            longer[:grown] = front
+            front = longer
+        here, there = depth[y, x], z[j, i]
+        if there > 0.0 and abs(there - here) > off:
+            continue
+        step = min(max(there - here, -limit), limit)
+        depth[j, i] = here + step if there > 0.0 else here
+        front[grown, 0], front[grown, 1] = j, i
+        grown += 1
+    return front, grown
