@@ -36,11 +36,7 @@ def checked(
             f"{name}: expected a numpy array {wanted} of shape {_text(shape)}, got "
             f"{type(value).__name__}"
         )
-    fits = value.shape == shape or (
-        value.ndim == len(shape)
-        and all(n is None or n == m for n, m in zip(shape, value.shape, strict=True))
-    )
-    if value.dtype != wanted or not fits:
+    if value.dtype != wanted or not _fits(value.shape, shape):
         raise ShapeError(
             f"{name}: expected {wanted} of shape {_text(shape)}, got {value.dtype} of shape "
             f"{value.shape}"
@@ -50,6 +46,13 @@ def checked(
     view = value.view()
     view.flags.writeable = False
     return view
+
+
+def _fits(found: tuple[int, ...], wanted: tuple[int | None, ...]) -> bool:
+    # A list, not a generator: this runs dozens of times a control step.
+    return len(found) == len(wanted) and all(
+        [n is None or n == m for n, m in zip(wanted, found, strict=True)]  # noqa: C419
+    )
 
 
 def _text(shape: tuple[int | None, ...]) -> str:

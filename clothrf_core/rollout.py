@@ -110,7 +110,7 @@ def stream(seed: int, kind: str, iteration: int, index: int) -> SeedSequence:
 
 
 def roll_out(shop: Workshop, job: RolloutJob, policy: Policy | None) -> Rollout:
-    """Act for ``steps * stride`` control steps; look and record at every stride-th.
+    """Act until the last of `steps` samples; look and record at every stride-th control step.
 
     Between two looks the learner's last answer holds, and the expert, who needs no picture, goes
     on following the hands. So samples lie farther apart in time than control steps, at no cost in
@@ -128,7 +128,7 @@ def roll_out(shop: Workshop, job: RolloutJob, policy: Policy | None) -> Rollout:
     offset = np.zeros((2, 3))
     rows: list[_Row] = []
     with shop.camera, shop.robot:
-        for sequence in range(job.steps * job.stride):
+        for sequence in range((job.steps - 1) * job.stride + 1):
             state = shop.world.state
             expert = lead.label(state)
             look = sequence % job.stride == 0

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clothrf_core.types import Float
-from clothrf_sapien.newton import Effort, advance
+from clothrf_sapien.newton import Effort, Scratch, advance, scratch_for
 from clothrf_sapien.schwarz import Plan, plan
 from clothrf_sapien.weave import Weave, neighbours
 
@@ -41,7 +41,13 @@ class Cloths:
         self._triangles = weaves[0].mesh.triangles.astype(np.int64)
         self._lift = spread(weaves[0], self._pins)
         self._rows = weaves[0].rows
-        self._plans = [plan(self._rows, self._columns)]
+        self._memory = [self._more_memory()]
+
+    def _more_memory(self) -> tuple[Plan, Scratch]:
+        """What one thread needs."""
+        layered = bool((self._layers[:, 0] > 0.0).any())
+        scratch = scratch_for(self.x.shape[1], layered=layered)
+        return plan(self._rows, self._columns), scratch
 
     def advance(
         self,
@@ -75,10 +81,10 @@ class Cloths:
         parts = [chosen]
         if threads > 1:
             parts = [p for p in np.array_split(chosen, threads) if len(p)]
-        while len(self._plans) < len(parts):
-            self._plans.append(plan(self._rows, self._columns))
+        while len(self._memory) < len(parts):
+            self._memory.append(self._more_memory())
 
-        def work(part: NDArray[np.int64], how: Plan) -> NDArray[np.int64]:
+        def work(part: NDArray[np.int64], memory: tuple[Plan, Scratch]) -> NDArray[np.int64]:
             pick = slice(int(part[0]), int(part[-1]) + 1)
             whole = len(part) == pick.stop - pick.start
             where = pick if whole else part
@@ -88,15 +94,15 @@ class Cloths:
             goals = targets[where]
             topology = (self._ends, self._columns, self._triangles, self._lift)
             tally = np.zeros((len(part), 2), np.int64)
-            advance(x, v, self._pins, goals, sheets, *topology, dt, effort, how, tally)
+            advance(x, v, self._pins, goals, sheets, *topology, dt, effort, *memory, tally)
             if not whole:
                 self.x[where], self.v[where] = x, v
             return tally
 
         if len(parts) == 1:
-            return work(parts[0], self._plans[0])
+            return work(parts[0], self._memory[0])
         with ThreadPoolExecutor(len(parts)) as pool:
-            return np.concatenate(list(pool.map(work, parts, self._plans)))
+            return np.concatenate(list(pool.map(work, parts, self._memory)))
 
 
 def spread(weave: Weave, pins: NDArray[np.int64]) -> Float:

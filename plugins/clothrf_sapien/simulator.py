@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -89,7 +90,7 @@ class ClothBatch:
             ],
             axis=1,
         )
-        if not (np.isfinite(dt) and dt > 0.0):
+        if not (math.isfinite(dt) and dt > 0.0):
             raise ShapeError(f"step: expected dt > 0 seconds, got {dt}")
         o = self._options
         cloths.advance(
@@ -195,8 +196,8 @@ def _state(x: Float, v: Float, w: Weave, time_s: float) -> ClothState:
     return ClothState(
         vertices=x,
         velocities=v,
-        hands=corners[:2].copy(),
-        grasp=corners[2:].copy(),
+        hands=corners[:2],
+        grasp=corners[2:],
         feasible=reachable(corners, w.size),
         time_s=time_s,
     )

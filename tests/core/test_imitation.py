@@ -237,7 +237,7 @@ def test_between_two_looks_time_passes_and_nothing_is_drawn(toy, toy_experiment,
     job = RolloutJob("", "", 0, "iteration", 1, 0, "ahead", steps=5, stride=4)
     rollout = roll_out(shop, job, None)
     assert len(rollout) == len(drawn) == 5
-    assert abs(shop.world.state.time_s - 20 / 30) < 1e-9
+    assert abs(shop.world.state.time_s - 17 / 30) < 1e-9
     moved = np.linalg.norm(np.diff(rollout.hands[:, 0], axis=0), axis=1)
     assert np.allclose(moved, 0.08 * 4 / 30, rtol=0.02)
 
