@@ -107,7 +107,11 @@ def _median(histogram: NDArray[np.int64], total: int) -> np.float32:
 
 @njit(cache=True, nogil=True)
 def shades(
-    rgb: NDArray[np.uint8], factor: int, colour: Colour, shape: tuple[int, int]
+    rgb: NDArray[np.uint8],
+    factor: int,
+    colour: Colour,
+    shape: tuple[int, int],
+    rows: tuple[int, int],
 ) -> NDArray[np.uint8]:
     """(h, w) uint8 `UNTOLD`, `OWN` or `OTHER`: which blocks have the cloth's colour.
 
@@ -116,20 +120,24 @@ def shades(
         factor: picture pixels along a block's side.
         colour: the cloth's.
         shape: (h, w).
+        rows: half-open range of rows that are asked for; the others are `UNTOLD`.
     """
     h, w = shape
-    result = np.empty((h, w), np.uint8)
+    result = np.zeros((h, w), np.uint8)
     r8, g8, b8 = np.empty(w, np.uint8), np.empty(w, np.uint8), np.empty(w, np.uint8)
     red, green, width = colour
     untold, own, other = np.uint8(UNTOLD), np.uint8(OWN), np.uint8(OTHER)
     dark = np.float32(DARK)
-    for y in range(h):
+    for y in range(max(rows[0], 0), min(rows[1], h)):
         line, shade = rgb[y * factor].reshape(-1), result[y]
         # Colours apart first, and one stride known when compiling: only then is it vector code.
         if factor == 2:
-            _every_sixth(line, r8)
-            _every_sixth(line[1:], g8)
-            _every_sixth(line[2:], b8)
+            for i in range(w):
+                r8[i] = line[6 * i]
+            for i in range(w):
+                g8[i] = line[6 * i + 1]
+            for i in range(w):
+                b8[i] = line[6 * i + 2]
         else:
             for i in range(w):
                 at = 3 * factor * i
@@ -142,12 +150,6 @@ def shades(
             told = other if far else own
             shade[i] = untold if t < dark else told
     return result
-
-
-@njit(cache=True, nogil=True)
-def _every_sixth(line: NDArray[np.uint8], out: NDArray[np.uint8]) -> None:
-    for i in range(out.size):
-        out[i] = line[6 * i]
 
 
 @njit(cache=True, nogil=True)
@@ -189,47 +191,21 @@ def mark_odd(
 
 
 @njit(cache=True, nogil=True)
-def open_to_cloth(
-    shade: NDArray[np.uint8],
-    state: NDArray[np.uint8],
-    label: NDArray[np.int32],
-    area: NDArray[np.int32],
-    least: int,
-) -> tuple[NDArray[np.bool_], float]:
-    """(h, w) bool: pixels of the cloth's colour that no large piece holds.
-
-    And the share of what is no candidate that has this colour: the background's.
-
-    Args:
-        shade: (h, w) uint8 of `shades`.
-        state: (h, w) uint8.
-        label: (h, w) int32 pieces, 0 = none.
-        area: (labels + 1,) int32 pixels of each piece.
-        least: pixels of a large piece.
-    """
-    h, w = shade.shape
-    result = np.empty((h, w), np.bool_)
-    large = area >= least
-    large[0] = False
-    own, candidate = np.uint8(OWN), np.uint8(CANDIDATE)
-    behind = alike = 0
+def likeness(state: NDArray[np.uint8], shade: NDArray[np.uint8]) -> float:
+    """How much of what may not be cloth has the cloth's colour: a share."""
+    h, w = state.shape
+    alike = others = 0
+    candidate, own = np.uint8(CANDIDATE), np.uint8(OWN)
     for y in range(h):
-        row, kind, line, piece = shade[y], state[y], result[y], label[y]
-        many, same, inside = np.int32(0), np.int32(0), np.int32(0)
+        kind, row = state[y], shade[y]
+        same, many = np.int32(0), np.int32(0)
         for x in range(w):
-            here = row[x] == own
-            line[x] = here
-            other = kind[x] != candidate
-            many += np.int32(other)
-            same += np.int32(other & here)
-            inside |= piece[x]
-        if inside != 0:
-            for x in range(w):
-                if large[piece[x]]:
-                    line[x] = False
-        behind += int(many)
+            behind = kind[x] != candidate
+            same += np.int32(behind & (row[x] == own))
+            many += np.int32(behind)
         alike += int(same)
-    return result, alike / max(behind, 1)
+        others += int(many)
+    return alike / max(others, 1)
 
 
 @njit(cache=True, nogil=True)
@@ -237,7 +213,9 @@ def complete(
     mask: NDArray[np.bool_],
     depth: NDArray[np.float32],
     z: NDArray[np.float32],
-    open_: NDArray[np.bool_],
+    shade: NDArray[np.uint8],
+    label: NDArray[np.int32],
+    large: NDArray[np.bool_],
     jump: float,
     stand_off: float,
     reach: int,
@@ -254,7 +232,9 @@ def complete(
         mask: (h, w) bool, changed.
         depth: (h, w) float32 metres, 0 outside the mask, changed.
         z: (h, w) float32 measured depth, 0 = none.
-        open_: (h, w) bool of `open_to_cloth`.
+        shade: (h, w) uint8 of `shades`.
+        label: (h, w) int32 pieces, 0 = none.
+        large: (labels + 1,) bool, pieces that are not grown over: what they are was decided.
         jump: metres a pixel.
         stand_off: metres; what is measured farther off than this is something else.
         reach: pixels.
@@ -266,24 +246,41 @@ def complete(
     limit, off = np.float32(jump), np.float32(stand_off)
     h, w = mask.shape
     x0, y0, x1, y1 = box
-    front = np.empty((1024, 2), np.int32)
+    front = np.empty((h * w, 2), np.int32)
     area = grown = 0
+    bits = mask.view(np.uint8)
+    # The rim of a row, eight pixels to a word: most of it is empty.
+    rim = np.zeros(-(-w // 8) * 8, np.uint8)
+    words = rim.view(np.uint64)
+    one = np.uint8(1)
     for y in range(y0, y1):
-        inside, above, below = mask[y], mask[max(y - 1, 0)], mask[min(y + 1, h - 1)]
-        for x in range(x0, x1):
-            if not inside[x]:
+        row, above, below = bits[y], bits[max(y - 1, 0)], bits[min(y + 1, h - 1)]
+        middle, left, right = row[1 : w - 1], row[: w - 2], row[2:]
+        up, down, edge = above[1 : w - 1], below[1 : w - 1], rim[1 : w - 1]
+        many = np.int32(row[0]) + np.int32(row[w - 1])
+        for x in range(w - 2):
+            edge[x] = middle[x] & (one ^ (left[x] & right[x] & up[x] & down[x]))
+            many += np.int32(middle[x])
+        if many == 0:
+            continue
+        area += int(many)
+        rim[0] = row[0] & (one ^ (row[1] & above[0] & below[0]))
+        rim[w - 1] = row[w - 1] & (one ^ (row[w - 2] & above[w - 1] & below[w - 1]))
+        for word in range(words.size):
+            if words[word] == 0:
                 continue
-            area += 1
-            if inside[max(x - 1, 0)] & inside[min(x + 1, w - 1)] & above[x] & below[x]:
-                continue
-            front, grown = _reached(y, x, mask, depth, z, open_, limit, off, front, grown)
+            for x in range(8 * word, min(8 * word + 8, w)):
+                if rim[x]:
+                    grown = _reached(
+                        y, x, mask, depth, z, shade, label, large, limit, off, front, grown
+                    )
     start, end = 0, grown
     for _ in range(reach - 1):
         if start == end:
             break
         for n in range(start, end):
             y, x = front[n, 0], front[n, 1]
-            front, grown = _reached(y, x, mask, depth, z, open_, limit, off, front, grown)
+            grown = _reached(y, x, mask, depth, z, shade, label, large, limit, off, front, grown)
         start, end = end, grown
     if end - start > ALIVE * area or grown > 2 * area:
         for n in range(grown):
@@ -303,28 +300,28 @@ def _reached(
     mask: NDArray[np.bool_],
     depth: NDArray[np.float32],
     z: NDArray[np.float32],
-    open_: NDArray[np.bool_],
+    shade: NDArray[np.uint8],
+    label: NDArray[np.int32],
+    large: NDArray[np.bool_],
     limit: np.float32,
     off: np.float32,
     front: NDArray[np.int32],
     grown: int,
-) -> tuple[NDArray[np.int32], int]:
-    """Give the neighbours of (y, x) a depth and append them to the front; it, and its length."""
+) -> int:
+    """Give the neighbours of (y, x) a depth and append them to the front; its length then."""
     h, w = mask.shape
     for k in range(4):
         j = y + (1 if k == 0 else (-1 if k == 1 else 0))
         i = x + (1 if k == 2 else (-1 if k == 3 else 0))
-        if not (0 <= j < h and 0 <= i < w) or not open_[j, i] or depth[j, i] > 0.0:
+        if not (0 <= j < h and 0 <= i < w) or shade[j, i] != OWN or depth[j, i] > 0.0:
             continue
-        if grown == len(front):
-            longer = np.empty((2 * grown, 2), np.int32)
-            longer[:grown] = front
-            front = longer
         here, there = depth[y, x], z[j, i]
+        if large[label[j, i]]:
+            continue
         if there > 0.0 and abs(there - here) > off:
             continue
         step = min(max(there - here, -limit), limit)
         depth[j, i] = here + step if there > 0.0 else here
         front[grown, 0], front[grown, 1] = j, i
         grown += 1
-    return front, grown
+    return grown

@@ -24,40 +24,72 @@ def contour_names() -> tuple[str, ...]:
 
 def contour(cloud: Cloud) -> Float32:
     """(96,) float32 metres from the anchor."""
-    rows = outline(cloud.points, cloud.mask, BANDS)
-    columns = outline(
-        np.ascontiguousarray(cloud.points.transpose(0, 2, 1)),
-        np.ascontiguousarray(cloud.mask.T),
-        BANDS,
-    )
+    first, last = rims(cloud.mask)
+    rows = outline(cloud.points, first, last, BANDS)
+    first, last = rims_down(cloud.mask)
+    columns = outline(cloud.points.transpose(0, 2, 1), first, last, BANDS)
     return np.concatenate([columns.ravel(), rows.ravel()]).astype(np.float32)
 
 
 @njit(cache=True, nogil=True)
-def outline(
-    points: NDArray[np.float32], mask: NDArray[np.bool_], bands: int
-) -> NDArray[np.float64]:
-    """(2, bands, 3) mean of the first and of the last point of each row, over bands of rows.
-
-    A band without any point takes its neighbour's.
-    """
-    _, h, w = points.shape
-    total = np.zeros((2, bands, 3))
-    count = np.zeros(bands)
+def rims(mask: NDArray[np.bool_]) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+    """(h,) int32 column of the first and of the last pixel of each row; -1 = none."""
+    h, w = mask.shape
+    first, last = np.full(h, -1, np.int32), np.full(h, -1, np.int32)
     for y in range(h):
-        a = 0
+        a, b = 0, w - 1
         while a < w and not mask[y, a]:
             a += 1
         if a == w:
             continue
-        b = w - 1
         while not mask[y, b]:
             b -= 1
-        band = y * bands // h
+        first[y], last[y] = a, b
+    return first, last
+
+
+@njit(cache=True, nogil=True)
+def rims_down(mask: NDArray[np.bool_]) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+    """(w,) int32 row of the first and of the last pixel of each column; -1 = none."""
+    h, w = mask.shape
+    first, last = np.full(w, -1, np.int32), np.full(w, -1, np.int32)
+    # Row by row, for the sake of vector code.
+    for y in range(h):
+        inside, here = mask[y], np.int32(y)
+        for x in range(w):
+            first[x] = here if inside[x] & (first[x] < 0) else first[x]
+            last[x] = here if inside[x] else last[x]
+    return first, last
+
+
+@njit(cache=True, nogil=True)
+def outline(
+    points: NDArray[np.float32],
+    first: NDArray[np.int32],
+    last: NDArray[np.int32],
+    bands: int,
+) -> NDArray[np.float64]:
+    """(2, bands, 3) mean of the first and of the last point of each row, over bands of rows.
+
+    A band without any point takes its neighbour's.
+
+    Args:
+        points: (3, h, w) float32, in any memory order.
+        first: (h,) int32 column of each row's first point, -1 = none.
+        last: of its last.
+        bands: number of bands.
+    """
+    total = np.zeros((2, bands, 3))
+    count = np.zeros(bands)
+    for n in range(first.size):
+        a, b = first[n], last[n]
+        if a < 0:
+            continue
+        band = n * bands // first.size
         count[band] += 1.0
         for axis in range(3):
-            total[0, band, axis] += points[axis, y, a]
-            total[1, band, axis] += points[axis, y, b]
+            total[0, band, axis] += points[axis, n, a]
+            total[1, band, axis] += points[axis, n, b]
     for band in range(bands):
         if count[band] > 0.0:
             total[:, band] /= count[band]

@@ -154,7 +154,8 @@ def edge(start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.flo
     return np.array([cx, cy, ground, d[2], nx, ny, nz, length])
 
 
-# Points are never NaN, so a maximum may be taken in any order: vector code.
+# Points are never NaN, so a maximum may be taken in any order: vector code. Only the rows that come
+# close to the outermost one are looked at again.
 @njit(cache=True, nogil=True, fastmath={"contract", "nnan", "nsz", "reassoc"})
 def farthest(
     points: NDArray[np.float32],
@@ -164,29 +165,30 @@ def farthest(
 ) -> NDArray[np.float64]:
     """(K, 3) mean of the points within `band` metres of the outermost one of each (K, 3) way."""
     _, h, w = points.shape
-    result = np.zeros((ways.shape[0], 3))
-    reach = np.empty((h, w), np.float32)
-    outermost = np.empty(h, np.float32)
+    many = len(ways)
+    result = np.zeros((many, 3))
+    outermost = np.empty((many, h), np.float32)
     lowest = np.float32(-1e9)
-    for k in range(ways.shape[0]):
-        a, b, c = ways[k, 0], ways[k, 1], ways[k, 2]
-        for y in range(h):
-            px, py, pz, inside, line = points[0, y], points[1, y], points[2, y], mask[y], reach[y]
+    for y in range(h):
+        px, py, pz, inside = points[0, y], points[1, y], points[2, y], mask[y]
+        for k in range(many):
+            a, b, c = ways[k, 0], ways[k, 1], ways[k, 2]
             best = lowest
             for x in range(w):
                 value = a * px[x] + b * py[x] + c * pz[x]
                 value = value if inside[x] else lowest
-                line[x] = value
                 best = value if value > best else best
-            outermost[y] = best
-        limit = outermost.max() - band
+            outermost[k, y] = best
+    for k in range(many):
+        a, b, c = ways[k, 0], ways[k, 1], ways[k, 2]
+        limit = outermost[k].max() - band
         count = 0
         for y in range(h):
-            if outermost[y] < limit:
+            if outermost[k, y] < limit:
                 continue
-            line = reach[y]
+            px, py, pz, inside = points[0, y], points[1, y], points[2, y], mask[y]
             for x in range(w):
-                if line[x] >= limit:
+                if inside[x] and a * px[x] + b * py[x] + c * pz[x] >= limit:
                     count += 1
                     for axis in range(3):
                         result[k, axis] += points[axis, y, x]

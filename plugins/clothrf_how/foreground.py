@@ -115,9 +115,8 @@ def foreground(
     radius = CALM[bisect.bisect(NOISY, sigma)]
     z, state = _reduced(frame, view, where, sigma)
     roi = kernels.reach(state, kernels.CANDIDATE)
-    if options.median > 1:
-        calm = np.asarray(cv2.medianBlur(src=z, ksize=options.median), np.float32)
-        mask_kernels.replace_known(z, calm, roi)
+    if options.median > 1 and roi[3] > roi[1]:
+        _calm(z, options.median, roi)
     told, odd = _told(state, frame, view, where, options, roi)
     cloth = _cloth(z, state, told, options, roi)
     if where.hue is None and 2 * odd > np.count_nonzero(cloth.mask):
@@ -186,9 +185,22 @@ def _told(
     found = colour.cloth_colour(state, frame.rgb, view.factor, options.colour_tolerance, roi)
     if found.width <= 0.0:
         return None, 0
-    shade = colour.shades(frame.rgb, view.factor, found, state.shape)
+    rows = (roi[1] - options.complete, roi[3] + options.complete)
+    shade = colour.shades(frame.rgb, view.factor, found, state.shape, rows)
     agree, odd = colour.mark_odd(state, shade, roi)
-    return (shade, odd) if agree > odd else (None, 0)
+    if agree <= odd:
+        return None, 0
+    return shade, odd
+
+
+def _calm(z: Float32, size: int, roi: tuple[int, int, int, int]) -> None:
+    """Replace depths within `roi`, in place, by the median of `size` x `size` pixels about them."""
+    around = size // 2
+    x0, y0 = max(roi[0] - around, 0), max(roi[1] - around, 0)
+    part = z[y0 : roi[3] + around, x0 : roi[2] + around]
+    calm = np.asarray(cv2.medianBlur(src=np.ascontiguousarray(part), ksize=size), np.float32)
+    box = (roi[0] - x0, roi[1] - y0, roi[2] - x0, roi[3] - y0)
+    mask_kernels.replace_known(part, calm, box)
 
 
 class _Cloth(NamedTuple):
@@ -212,13 +224,18 @@ def _cloth(
     mask, depth = mask_kernels.bridge(
         label, np.array(kept, np.int32), z, options.fill_gap, options.jump, roi
     )
-    if shade is not None and options.complete > 0 and kept:
-        least = _least(area[kept[0]], options)
-        free, alike = colour.open_to_cloth(shade, state, label, area, least)
-        if alike < ALIKE:
-            roi = colour.complete(
-                mask, depth, z, free, options.jump, options.stand_off, options.complete, roi
-            )
+    if (
+        shade is not None
+        and options.complete > 0
+        and kept
+        and colour.likeness(state, shade) < ALIKE
+    ):
+        large = area >= _least(area[kept[0]], options)
+        large[0] = False
+        roi = colour.complete(
+            mask, depth, z, shade, label, large, options.jump, options.stand_off,
+            options.complete, roi,
+        )  # fmt: skip
     return _Cloth(mask, depth, roi)
 
 
@@ -305,11 +322,12 @@ def warm() -> None:
     mask_kernels.replace_known(z, one, box)
     kernels.reach(state, kernels.CANDIDATE)
     rgb = np.zeros((2, 2, 3), np.uint8)
-    shade = colour.shades(rgb, 1, colour.cloth_colour(state, rgb, 1, 0.1, box), state.shape)
+    found = colour.cloth_colour(state, rgb, 1, 0.1, box)
+    shade = colour.shades(rgb, 1, found, state.shape, (0, 2))
     colour.mark_odd(state, shade, box)
     label, area = surface_kernels.surfaces(z, state, 0.1, kernels.CANDIDATE, box)
     surface_kernels.apart(label, area, z, 1, 1, 0.1, box)
     mask, depth = mask_kernels.bridge(label, area[1:], z, 1, 0.1, box)
-    free, _ = colour.open_to_cloth(shade, state, label, area, 1)
-    colour.complete(mask, depth, z, free, 0.1, 0.1, 1, box)
+    colour.likeness(state, shade)
+    colour.complete(mask, depth, z, shade, label, area > 1, 0.1, 0.1, 1, box)
     mask_kernels.sums(mask, noise_kernels.calmed(depth, mask, 1, box), box)

@@ -67,22 +67,25 @@ def reduce_pairs(
             ab = na if na < nb else nb
             cd = nc if nc < nd else nd
             nearest = ab if ab < cd else cd
+            # No more than `far`, so that a depth out of range, made infinite, is never close.
             limit = nearest + block
-            total = na if (na <= limit) & (na < inf) else zero
-            count = one if (na <= limit) & (na < inf) else zero
-            total += nb if (nb <= limit) & (nb < inf) else zero
-            count += one if (nb <= limit) & (nb < inf) else zero
-            total += nc if (nc <= limit) & (nc < inf) else zero
-            count += one if (nc <= limit) & (nc < inf) else zero
-            total += nd if (nd <= limit) & (nd < inf) else zero
-            count += one if (nd <= limit) & (nd < inf) else zero
-            fa = a if (a > zero) & (a < inf) else zero
-            fb = b if (b > zero) & (b < inf) else zero
-            fc = c if (c > zero) & (c < inf) else zero
-            fd = d if (d > zero) & (d < inf) else zero
+            limit = limit if limit < hi else hi
+            total = na if na <= limit else zero
+            count = one if na <= limit else zero
+            total += nb if nb <= limit else zero
+            count += one if nb <= limit else zero
+            total += nc if nc <= limit else zero
+            count += one if nc <= limit else zero
+            total += nd if nd <= limit else zero
+            count += one if nd <= limit else zero
+            fa = a if a < inf else zero
+            fb = b if b < inf else zero
+            fc = c if c < inf else zero
+            fd = d if d < inf else zero
             ab = fa if fa > fb else fb
             cd = fc if fc > fd else fd
             farthest = ab if ab > cd else cd
+            farthest = farthest if farthest > zero else zero
             mean = total / count
             value = mean if count > zero else farthest
             px = origin[0] + value * dx[x]

@@ -321,7 +321,7 @@ def _colours():
 def _shaded(state, rgb, tolerance=0.08):
     box = (0, 0, *state.shape[::-1])
     found = colour.cloth_colour(state, rgb, 1, tolerance, box)
-    shade = colour.shades(rgb, 1, found, state.shape)
+    shade = colour.shades(rgb, 1, found, state.shape, (0, len(state)))
     return shade, colour.mark_odd(state, shade, box)
 
 
@@ -363,7 +363,7 @@ def test_the_compiled_shades_equal_numpy(factor):
     h, w = 24 // factor, 36 // factor
     wanted = colour.Colour(np.float32(0.3), np.float32(0.35), np.float32(0.1))
 
-    got = colour.shades(rgb, factor, wanted, (h, w))
+    got = colour.shades(rgb, factor, wanted, (h, w), (0, h))
 
     first = rgb[::factor, ::factor].astype(np.float32)
     total = first.sum(axis=2)

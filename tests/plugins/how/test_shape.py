@@ -7,7 +7,7 @@ import pytest
 from clothrf_how.blocks import block_sums, blocks, blocks_names
 from clothrf_how.border import border, border_names
 from clothrf_how.cloud import Cloud, placed
-from clothrf_how.contour import contour, contour_names, outline
+from clothrf_how.contour import contour, contour_names, outline, rims, rims_down
 from clothrf_how.extremes import directions, extremes, extremes_names, support_points
 from clothrf_how.heightmap import CELLS, SIDE, binned, heightmap, heightmap_names
 from clothrf_how.moments import moments, moments_names, raw_moments
@@ -122,13 +122,24 @@ def test_a_corner_is_the_support_point_of_the_directions_around_it():
     assert math.hypot(values[2, 0] - 0.079, values[2, 1] - 0.059) < 3e-3
 
 
-def test_compiled_outline_equals_numpy(cloud):
-    got = outline(cloud.points, cloud.mask, 8)
+def test_compiled_rims_equal_numpy(cloud):
+    mask = cloud.mask.copy()
+    mask[3] = mask[:, 5] = False
 
-    h = len(cloud.mask)
-    band = np.arange(h) * 8 // h
-    first = cloud.mask.argmax(axis=1)
-    last = cloud.mask.shape[1] - 1 - cloud.mask[:, ::-1].argmax(axis=1)
+    for got, seen in ((rims(mask), mask), (rims_down(mask), mask.T)):
+        some = seen.any(axis=1)
+        first = seen.argmax(axis=1)
+        last = seen.shape[1] - 1 - seen[:, ::-1].argmax(axis=1)
+        np.testing.assert_array_equal(got[0], np.where(some, first, -1))
+        np.testing.assert_array_equal(got[1], np.where(some, last, -1))
+
+
+def test_compiled_outline_equals_numpy(cloud):
+    first, last = rims(cloud.mask)
+
+    got = outline(cloud.points, first, last, 8)
+
+    band = np.arange(len(first)) * 8 // len(first)
     for b in range(8):
         rows = np.flatnonzero(band == b)
         for side, column in enumerate((first, last)):
