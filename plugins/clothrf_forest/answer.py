@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clothrf_core.types import Float, Float32
+from clothrf_forest.confidence import doubts
 from clothrf_forest.curves import products
 from clothrf_forest.model import Model
 from clothrf_forest.ridge import Scaling
@@ -33,14 +34,13 @@ class Prepared(NamedTuple):
         values: (L, D) float32 answers of the leaves.
         slopes: (L, s, D) float32 along the first s projections; s = 0 or h.
         variance: (L,) float32 spread of the leaves' rows.
+        usual: (L,) float32 mean logarithm of their novelty scores.
         centre: (F,) float32; F counts the anchor's three where they are features.
         scale: (F,) float32.
         matrix: (F, D + h + q + k) float32 linear base, projections, curves' directions, principal
             directions.
-        bend: (P, D) float32 of the base's products.
+        bend: (P, D) float32 of the base's products, not standardised.
         curve_offset: (q,) float64 of their directions.
-        curve_centre: (P,) float32.
-        curve_scale: (P,) float32.
         intercept: (D,) float64 of the base.
         offset: (h,) float64 of the projections.
         mean: (k,) float64 of the principal scores.
@@ -56,13 +56,12 @@ class Prepared(NamedTuple):
     values: Float32
     slopes: Float32
     variance: Float32
+    usual: Float32
     centre: Float32
     scale: Float32
     matrix: Float32
     bend: Float32
     curve_offset: Float
-    curve_centre: Float32
-    curve_scale: Float32
     intercept: Float
     offset: Float
     mean: Float
@@ -80,6 +79,7 @@ def prepared(model: Model, task: int) -> Prepared:
     """The arrays of task number `task`."""
     f, curves = len(model.centre), model.curves
     parts = [model.coef[task, :f], model.projections.axes, curves.axes, model.novelty.axes]
+    bend = curves.by.scale[:, None].astype(np.float64) * model.coef[task, f:]
     known = model.calibration
     return Prepared(
         nodes=model.trees.nodes,
@@ -87,14 +87,13 @@ def prepared(model: Model, task: int) -> Prepared:
         values=np.ascontiguousarray(model.values[task]),
         slopes=np.ascontiguousarray(model.slopes[task]),
         variance=np.ascontiguousarray(model.variance[task]),
+        usual=model.usual,
         centre=model.centre,
         scale=model.scale,
         matrix=np.ascontiguousarray(np.concatenate(parts, axis=1)),
-        bend=np.ascontiguousarray(model.coef[task, f:]),
+        bend=np.ascontiguousarray(bend, np.float32),
         curve_offset=curves.offset,
-        curve_centre=curves.by.centre,
-        curve_scale=curves.by.scale,
-        intercept=np.ascontiguousarray(model.intercept[task]),
+        intercept=model.intercept[task] - curves.by.centre.astype(np.float64) @ bend,
         offset=model.projections.offset,
         mean=model.novelty.mean,
         precision=model.novelty.precision,
@@ -112,8 +111,8 @@ def answer_in_numpy(values: Float32, anchor: Float, of: Prepared, out: Float) ->
         values: (F,) float32 features, without the anchor.
         anchor: (3,) float64, world, m.
         of: the model's arrays.
-        out: (D + 4,) float64 to write into: targets, world, m; their spread, m; the novelty
-            score; the confidence; the expected error, m. Numbers that are not finite give
+        out: (D + 4,) float64 to write into: targets, world, m; their spread, m; the novelty;
+            the confidence; the expected error, m. Numbers that are not finite give
             confidence 0.
     """
     d, h, q, f = len(of.intercept), len(of.offset), len(of.curve_offset), len(of.centre)
@@ -132,10 +131,11 @@ def answer_in_numpy(values: Float32, anchor: Float, of: Prepared, out: Float) ->
 
     inside = along[d + h + q :]
     known = ((inside - of.mean) ** 2) @ of.precision
-    novelty = (known + max(float(z @ z - inside @ inside), 0.0) * of.rest) / f
+    score = (known + max(float(z @ z - inside @ inside), 0.0) * of.rest) / f
+    novelty = score / np.exp(of.usual[leaf].mean(dtype=np.float64))
 
     targets = mean + along[:d] + of.intercept
-    targets += Scaling(of.curve_centre, of.curve_scale).of(bent) @ of.bend
+    targets += bent @ of.bend
     if of.anchored:
         targets += np.tile(anchor, d // 3)
     out[:d] = targets
@@ -144,7 +144,7 @@ def answer_in_numpy(values: Float32, anchor: Float, of: Prepared, out: Float) ->
     knots, share, error = of.calibration
     sound = np.isfinite(targets).all() and np.isfinite(novelty)
     out[SPREAD], out[NOVELTY] = spread, novelty
-    doubt = spread * max(float(novelty), 0.0)
+    doubt = doubts(spread, score, novelty)
     out[CONFIDENCE] = familiar * np.interp(doubt, knots, share) if sound else 0.0
     out[ERROR] = np.interp(doubt, knots, error) if sound else np.inf
 

@@ -68,11 +68,9 @@ def answer(values: Any, anchor: Any, of: Any, out: Any) -> None:
     p = 0
     for i in range(q):
         for j in range(i, q):
-            product = np.float32(along[d + h + i] * along[d + h + j])
-            z = np.float64((product - of.curve_centre[p]) * of.curve_scale[p])
-            z = clipped(z, LIMIT)
+            product = along[d + h + i] * along[d + h + j]
             for m in range(d):
-                along[m] += z * of.bend[p, m]
+                along[m] += product * of.bend[p, m]
             p += 1
 
     num_trees = of.roots.size
@@ -80,6 +78,7 @@ def answer(values: Any, anchor: Any, of: Any, out: Any) -> None:
     out[:] = 0.0
     square = 0.0
     within = 0.0
+    used_to = 0.0
     # All trees go down together, so that their reads from memory overlap (a tenth faster).
     at = np.empty(num_trees, np.int32)
     at[:] = of.roots
@@ -100,12 +99,15 @@ def answer(values: Any, anchor: Any, of: Any, out: Any) -> None:
     for t in range(num_trees):
         leaf = nodes[at[t]].child
         within += of.variance[leaf]
+        used_to += of.usual[leaf]
         for j in range(d):
             v = np.float64(of.values[leaf, j])
             for i in range(of.slopes.shape[1]):
                 v += np.float64(x[f + i]) * of.slopes[leaf, i, j]
             out[j] += v
             square += v * v
+    score = novelty
+    novelty = score / np.exp(used_to / num_trees)
     between = square / (num_trees * d)
     sound = np.isfinite(novelty)
     for j in range(d):
@@ -125,6 +127,6 @@ def answer(values: Any, anchor: Any, of: Any, out: Any) -> None:
     out[d + 3] = np.inf
     if sound:
         knots = of.calibration[0]
-        doubt = spread * novelty
+        doubt = spread * score * novelty**2
         out[d + 2] = familiar * interpolated(doubt, knots, of.calibration[1])
         out[d + 3] = interpolated(doubt, knots, of.calibration[2])

@@ -1,11 +1,12 @@
 """Confidence that means something: the chance that the error is below a tolerance.
 
-The doubt about an answer is its spread (disagreement of trees, scatter inside leaves) times the
-picture's novelty: the first foretells the error best (rank correlation 0.76, product 0.73), the
-second tells strange pictures apart best. It is compared with the real error of out-of-bag rows,
-whose novelty is judged by a model of other roll-outs. Rows are sorted by doubt and cut into equal
-bins; the share of small errors per bin is made to fall with the doubt (pool adjacent violators,
-Ayer et al. 1955), and acting interpolates between the bins' centres.
+The doubt about an answer is its spread (disagreement of trees, scatter inside leaves) times how
+far out the picture lies, times the square of its novelty. The first two foretell the error (rank
+correlation 0.68 on SR300 noise, the spread alone 0.33), the last tells strange pictures apart. It
+is compared with the real error of out-of-bag rows, whose novelty is judged by a model of other
+roll-outs. Rows are sorted by doubt and cut into equal bins; the share of small errors per bin is
+made to fall with the doubt (pool adjacent violators, Ayer et al. 1955), and acting interpolates
+between the bins' centres.
 """
 
 from __future__ import annotations
@@ -32,6 +33,18 @@ class Calibration:
     doubt: Float
     share: Float
     error: Float
+
+
+def doubts(spread: Float, score: Float, novelty: Float) -> Float:
+    """The doubt about answers, m.
+
+    Args:
+        spread: scatter of the leaves and of the trees, m.
+        score: how far out the picture lies.
+        novelty: the same over what its leaves are used to.
+    """
+    found: Float = spread * np.maximum(score, 0.0) * novelty**2
+    return found
 
 
 def calibrated(doubt: Float, error: Float, tolerance: float) -> Calibration:

@@ -31,7 +31,7 @@ class ConfidenceConfig(Section):
         0.02, gt=0.0, description="confidence = P(RMS error per coordinate < this), m"
     )
     novelty: bool = Field(True, description="confidence falls to 0 on pictures unlike all trained")
-    components: int = Field(96, ge=1, le=256, description="principal directions of the novelty")
+    components: int = Field(128, ge=1, le=256, description="principal directions of the novelty")
     quantile: float = Field(
         0.98, gt=0.5, lt=1.0, description="share of held-out rows that must not look novel"
     )
@@ -52,15 +52,15 @@ class ForestConfig(Section):
     )
     base: Literal["none", "ridge", "quadratic"] = Field(
         "quadratic",
-        description="a smooth model whose residual the trees learn: linear in the features "
+        description="a smooth model whose residual the leaves learn: linear in the features "
         "(ridge), or also in the products of their main directions; or none",
     )
     curve_directions: int = Field(
-        32,
-        ge=0,
+        48,
+        ge=1,
         le=64,
-        description="principal directions of the features in the products of a quadratic base; "
-        "at most confidence.components",
+        description="directions, those the actions depend on most, in the products of a "
+        "quadratic base",
     )
     leaves: Literal["mean", "refined", "linear"] = Field(
         "linear",

@@ -2,9 +2,10 @@
 
 Corners of a turned cloth are products of lengths and directions, so a linear base leaves most of
 its error to the trees, which pay for a smooth surface with many leaves. Here the base is also told
-``u_i u_j`` of a few directions u: those of the linear base's own answers, and the leading
-principal directions of the features (a response surface: Box and Wilson 1951). Each u is clipped,
-so that an unusual picture cannot send a square far out.
+``u_i u_j`` of a few directions u, the `telling` ones (a response surface: Box and Wilson 1951).
+Each u is clipped, so that an unusual picture cannot send a square far out. A product of two
+directions that bend the answers little is trusted little: the penalties are those of the
+quadratic kernel that named the directions.
 """
 
 from __future__ import annotations
@@ -15,10 +16,12 @@ import numpy as np
 
 from clothrf_core.types import Float, Float32
 from clothrf_forest.binning import chunks
-from clothrf_forest.ridge import Design, Scaling, spread
+from clothrf_forest.ridge import Design, Index, Scaling, spread
 
 # Standard deviations at which a direction is clipped.
 REACH = 4.0
+# Root of how much all features together are trusted beside the square of the first direction.
+STRAIGHT = 5.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,15 +45,16 @@ class Curves:
 
     def of(self, z: Float) -> Float:
         """(n, P) float64 standardised products of (n, F) standardised features."""
-        return self.by.of(products(z @ self.axes + self.offset))
+        return self.by.of(products(z @ self.axes + self.offset), np.inf)
 
 
-def products(u: Float) -> Float32:
+def products(u: Float) -> Float:
     """(n, P) products of (n, q) directions, in the order of the upper triangle."""
     q = u.shape[1]
     near = np.clip(u, -REACH, REACH)
     first, second = np.triu_indices(q)
-    return (near[:, first] * near[:, second]).astype(np.float32)
+    found: Float = near[:, first] * near[:, second]
+    return found
 
 
 def no_curves(num_features: int) -> Curves:
@@ -75,6 +79,20 @@ def fit_curves(design: Design, directions: Float) -> Curves:
     return Curves(axes, offset, by)
 
 
+def trusted(weight: Float, reach: Float) -> Float:
+    """(F + P,) how far the columns of a `Curved` design are trusted; mean square 1.
+
+    Args:
+        weight: (F,) of the features.
+        reach: (q,) of the directions, the greatest 1.
+    """
+    first, second = np.triu_indices(len(reach))
+    straight = STRAIGHT * weight / max(float(np.linalg.norm(weight)), 1e-300)
+    found = np.concatenate([straight, reach[first] * reach[second]])
+    found /= max(float(np.sqrt((found**2).mean())), 1e-300)
+    return found
+
+
 @dataclass(frozen=True, slots=True)
 class Curved(Design):
     """Standardised features and, behind them, their products.
@@ -95,7 +113,7 @@ class Curved(Design):
         """F + P."""
         return self.straight.width + self.curves.count
 
-    def of(self, rows: slice) -> Float:
+    def of(self, rows: Index) -> Float:
         """(n, F + P) float64."""
         z = self.straight.of(rows)
         return np.concatenate([z, self.curves.of(z)], axis=1)

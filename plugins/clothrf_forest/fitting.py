@@ -11,13 +11,14 @@ import numpy as np
 
 from clothrf_core.errors import DataError
 from clothrf_core.types import DatasetView, Float
-from clothrf_forest.confidence import Calibration, calibrated
+from clothrf_forest.confidence import Calibration, calibrated, doubts
 from clothrf_forest.config import ForestConfig
 from clothrf_forest.forest import Grown, grown, has_linear_leaves
 from clothrf_forest.foundation import Foundation, lay
 from clothrf_forest.leaves import Leaves, mean_leaves, out_of_bag
 from clothrf_forest.linear import linear_leaves
 from clothrf_forest.model import Model, flat_slopes, flat_values
+from clothrf_forest.novelty import limited, relative, usual
 from clothrf_forest.refined import refined_leaves
 from clothrf_forest.rows import Rows
 
@@ -43,7 +44,7 @@ def fit_model(
     first, second = (np.random.default_rng(int(s)) for s in rng.integers(2**62, size=2))
     threads = config.threads or len(os.sched_getaffinity(0))
     with one_blas_thread():
-        base = lay(rows, targets, view.groups, config, first)
+        base = lay(rows, targets, view.groups, config, first, threads=threads)
         trees = grown(base, view.groups, tasks, config, second, threads=threads)
         return assembled(view, config, base, trees)
 
@@ -54,7 +55,12 @@ def assembled(
     """The model of a foundation and trees: leaves filled with the rows, confidence judged."""
     tasks, grasps = view.labels.shape[1:3]
     leaves, facts = _leaves(base, trees, tasks, config)
-    leaves, calibration, errors = _judged(base, trees, leaves, view.tasks, config)
+    used_to = usual(trees.leaf, trees.weights, base.scores, trees.trees.num_leaves)
+    novel = relative(trees.leaf, trees.weights, base.scores, used_to)
+    leaves, calibration, errors = _judged(base, trees, leaves, novel, view.tasks, config)
+    novelty = base.novelty
+    if config.confidence.novelty and base.apart:
+        novelty = limited(novelty, novel, config.confidence.quantile)
     model = Model(
         names=view.names,
         tasks=view.tasks,
@@ -70,7 +76,8 @@ def assembled(
         coef=flat_values(base.linear.coef.astype(np.float32), tasks),
         intercept=base.linear.intercept.reshape(tasks, 3 * grasps).copy(),
         projections=base.projections,
-        novelty=base.novelty,
+        usual=used_to,
+        novelty=novelty,
         calibration=calibration,
     )
     held_out = {"base_held_out_rms_mm": _rms_mm(base.residual)} if config.base != "none" else {}
@@ -111,7 +118,12 @@ def _leaves(
 
 
 def _judged(
-    base: Foundation, trees: Grown, leaves: Leaves, tasks: tuple[str, ...], config: ForestConfig
+    base: Foundation,
+    trees: Grown,
+    leaves: Leaves,
+    novel: Float,
+    tasks: tuple[str, ...],
+    config: ForestConfig,
 ) -> tuple[Leaves, Calibration, dict[str, float]]:
     """The leaves, no louder than they deserve; confidence and errors.
 
@@ -133,7 +145,8 @@ def _judged(
         )
         found = out_of_bag(trees.leaf, trees.weights, leaves, len(tasks), asked)
     wrong = (residual - found.prediction).reshape(m, len(tasks), d // len(tasks))
-    doubt = found.spread * base.scores[found.rows][:, None]
+    far = base.scores[found.rows][:, None]
+    doubt = doubts(found.spread, far, novel[found.rows][:, None])
     error = np.sqrt((wrong**2).mean(2))
     calibration = calibrated(doubt, error, config.confidence.tolerance)
     if m == 0:

@@ -60,12 +60,12 @@ def grown(
     plain = on.rows.width - on.num_projections
     columns = offered_columns(plain, config.pairs, on.rows.width, rng)
     cuts = edges(columns.of(on.rows[some_rows(len(on.rows), rng)]))
-    index, facts = _labels(on.residual, config, rng)
+    index, facts = _labels(on.targets, config, rng)
     problem = Problem(
         codes=encoded(on.rows, columns, cuts, threads=threads),
         labels=index,
         num_labels=int(facts.get("labels", 0)),
-        targets=directed(on.residual),
+        targets=directed(on.targets),
     )
     growth = _growth(config, plain + config.pairs, on.num_projections)
     seeds = rng.integers(2**62, size=config.trees)

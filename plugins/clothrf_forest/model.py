@@ -28,6 +28,7 @@ class Model:
         values: (T, L, 3 G) float32 answer of every leaf, per task, m.
         slopes: (T, L, s, 3 G) float32 change of it along each projection; s = 0: none.
         variance: (T, L) float32 spread of the leaf's rows, m^2.
+        usual: (L,) float32 mean logarithm of the novelty scores of the leaf's rows.
         centre: (F,) float32 mean of the features; F counts the anchor's three where it is used.
         scale: (F,) float32 inverse standard deviation of the features.
         curves: products of directions that the base uses besides the features.
@@ -46,6 +47,7 @@ class Model:
     values: Float32
     slopes: Float32
     variance: Float32
+    usual: Float32
     centre: Float32
     scale: Float32
     curves: Curves

@@ -1,8 +1,15 @@
 """Pictures unlike all trained ones: a probabilistic principal component model of the features.
 
 The score of a row is its squared Mahalanobis distance under a Gaussian with a few principal
-directions and equal variance in all others (Tipping and Bishop 1999), per feature: about 1 on
-rows like the trained ones. Its limits come from roll-outs the model was not fitted on.
+directions and equal variance in all others (Tipping and Bishop 1999), per feature. Known but rare
+poses lie far out, so rows are counted by the score that a model of other roll-outs gives them:
+the Gaussian reaches them too, and what lies beyond is strange.
+
+Some poses look stranger than others even so. The leaves of the forest hold how novel their rows
+looked, and the novelty of a picture is its score over what its leaves are used to: about 1 on
+pictures like the trained ones. Its limits come from roll-outs that neither model has seen.
+Measured (other seeds than the study's; trained with everything randomised, as a share of pairs
+told apart): an arm before the cloth 0.965 instead of 0.955, another cloth 0.989 instead of 0.974.
 """
 
 from __future__ import annotations
@@ -10,11 +17,14 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import eigh
 
 from clothrf_core.types import Float, Float32
 from clothrf_forest.binning import chunks
 from clothrf_forest.ridge import Moments, Survey, added
+
+PRIOR = 10.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,7 +36,7 @@ class Novelty:
         axes: (F, k) float32 orthonormal principal directions.
         precision: (k,) float64 inverse variance along each of them.
         rest: inverse variance in every other direction.
-        limits: (2,) float64 scores: up to the first nothing is novel, from the second on all is.
+        limits: (2,) float64 novelty: up to the first nothing is novel, from the second on all is.
     """
 
     mean: Float
@@ -61,30 +71,84 @@ def principal(of: Moments, components: int) -> Novelty:
     )
 
 
-def without_limits(model: Novelty) -> Novelty:
-    """The same model, to which nothing is novel."""
-    return replace(model, limits=np.array([np.inf, np.inf]))
+def fit_novelty(known: Survey, *, components: int) -> tuple[Novelty, Float, bool]:
+    """The model of all rows, without limits; the (N,) scores of the rows; are they held out?
 
-
-def fit_novelty(known: Survey, *, components: int, quantile: float) -> tuple[Novelty, Float]:
-    """Fit on all rows; and the (N,) scores of the rows.
-
-    Each half of the folds is judged by the other half's model, and the limits come from there. Too
-    few rows for that: the scores are the model's own, and there is no limit.
+    Each half of the folds is judged by the other half's model. Too few rows for that: the scores
+    are the model's own.
     """
     design = known.design
-    model = principal(known.whole(), components)
     halves = [added(known.parts[0::2]), added(known.parts[1::2])]
     if min(half.n for half in halves) < 2 * components:
-        return model, model.scores(design.of(slice(None)))
-    models = [principal(half, components) for half in halves]
-    scores = np.empty(len(design))
-    for rows in chunks(len(design)):
-        x = design.of(rows)
+        model = principal(known.whole(), components)
+        return model, model.scores(design.of(slice(None))), False
+    first = _judged(known, [principal(half, components) for half in halves])
+    halves = _counted(known, first)
+    scores = _judged(known, [principal(half, components) for half in halves])
+    return principal(added(halves), components), scores, True
+
+
+def _judged(known: Survey, models: list[Novelty]) -> Float:
+    """(N,) scores of the rows; those of the even folds come from the second model."""
+    scores = np.empty(len(known.design))
+    for rows in chunks(len(known.design)):
+        x = known.design.of(rows)
         odd = known.fold[rows] % 2 == 1
         part = scores[rows]
         part[odd], part[~odd] = models[0].scores(x[odd]), models[1].scores(x[~odd])
-    first = float(np.quantile(scores, quantile))
-    middle = float(np.median(scores))
-    limits = np.array([first, first + max(first - middle, 1e-3)])
-    return replace(model, limits=limits), scores
+    return scores
+
+
+def _counted(known: Survey, count: Float) -> list[Moments]:
+    """Moments of the even and the odd folds, each row counted by (N,) `count` over its mean."""
+    f = known.design.width
+    sums = [[np.zeros(f), np.zeros((f, f))] for _ in range(2)]
+    for rows in chunks(len(known.design)):
+        x = known.design.of(rows)
+        for half, (total, square) in enumerate(sums):
+            mine = known.fold[rows] % 2 == half
+            weighted = x[mine] * count[rows][mine, None]
+            total += weighted.sum(0)
+            square += x[mine].T @ weighted
+    found = []
+    for half, (total, square) in enumerate(sums):
+        mine = known.fold % 2 == half
+        n = int(mine.sum())
+        mean = max(float(count[mine].mean()), 1e-300)
+        none = np.zeros(0)
+        found.append(Moments(n, total / mean, none, square / mean, np.zeros((f, 0)), none))
+    return found
+
+
+def usual(
+    leaf: NDArray[np.int32], weights: NDArray[np.uint8], scores: Float, num_leaves: int
+) -> Float32:
+    """(L,) mean logarithm of the (N,) `scores` of each leaf's sample rows.
+
+    Leaves of few rows lean on the mean of all rows, which counts as `PRIOR` rows.
+    """
+    value = np.log(np.maximum(scores, 1e-12))
+    total = np.full(num_leaves, PRIOR * float(value.mean()))
+    count = np.full(num_leaves, PRIOR)
+    for index, held in zip(leaf, weights > 0, strict=True):
+        total += np.bincount(index[held], value[held], num_leaves)
+        count += np.bincount(index[held], minlength=num_leaves)
+    found: Float32 = (total / count).astype(np.float32)
+    return found
+
+
+def relative(
+    leaf: NDArray[np.int32], weights: NDArray[np.uint8], scores: Float, used_to: Float32
+) -> Float:
+    """(N,) scores over what the leaves that did not see the row are used to."""
+    out = weights == 0
+    mean = (used_to[leaf] * out).sum(0) / np.maximum(out.sum(0), 1)
+    found: Float = scores / np.exp(mean.astype(np.float64))
+    return found
+
+
+def limited(model: Novelty, novelty: Float, quantile: float) -> Novelty:
+    """The model with the limits that (M,) `novelty` of unseen rows asks for."""
+    first = float(np.quantile(novelty, quantile))
+    middle = float(np.median(novelty))
+    return replace(model, limits=np.array([first, first + max(first - middle, 1e-3)]))

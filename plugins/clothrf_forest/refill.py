@@ -23,7 +23,7 @@ from clothrf_forest.fitting import actions, assembled, one_blas_thread
 from clothrf_forest.forest import Grown
 from clothrf_forest.foundation import Foundation
 from clothrf_forest.model import Model
-from clothrf_forest.novelty import fit_novelty, without_limits
+from clothrf_forest.novelty import fit_novelty
 from clothrf_forest.ridge import FOLDS, Linear, Scaling, Straight, fold_of, survey
 from clothrf_forest.rows import Rows
 from clothrf_forest.traverse import leaves_of
@@ -67,6 +67,7 @@ def refilled(
             values=np.where(empty[:, None], model.values, found.values),
             slopes=np.where(empty[:, None, None], model.slopes, found.slopes),
             variance=np.where(empty, model.variance, found.variance),
+            usual=np.where(empty, model.usual, found.usual),
         ),
         {**numbers, "empty_leaves": float(empty.sum())},
     )
@@ -93,18 +94,19 @@ def _foundation(
         projections[part] = z[:, : rows.width] @ model.projections.axes + model.projections.offset
     fold = fold_of(view.groups, FOLDS, rng)
     known = survey(Straight(rows, by), targets, fold)
-    wanted = config.confidence
-    novelty, scores = fit_novelty(known, components=wanted.components, quantile=wanted.quantile)
+    novelty, scores, apart = fit_novelty(known, components=config.confidence.components)
     return Foundation(
         by=by,
         curves=model.curves,
         linear=linear,
         projections=model.projections,
-        novelty=novelty if wanted.novelty else without_limits(novelty),
+        novelty=novelty,
         rows=Rows(rows.features, rows.anchors, projections),
         num_projections=projections.shape[1],
+        targets=targets,
         residual=residual,
         scores=scores,
+        apart=apart,
         fold=fold,
     )
 

@@ -97,10 +97,13 @@ class Scaling:
     centre: Float32
     scale: Float32
 
-    def of(self, values: Float32) -> Float:
-        """(n, F) float64 standardised rows, clipped."""
+    def of(self, values: Float32 | Float, limit: float = LIMIT) -> Float:
+        """(n, F) float64 standardised rows, clipped at +-`limit`."""
         z = (values - self.centre) * self.scale
-        return np.clip(z, -LIMIT, LIMIT, out=z).astype(np.float64)
+        return np.clip(z, -limit, limit, out=z).astype(np.float64, copy=False)
+
+
+Index = slice | NDArray[np.int64]
 
 
 class Design(Protocol):
@@ -112,7 +115,7 @@ class Design(Protocol):
     def width(self) -> int:
         """F."""
 
-    def of(self, rows: slice) -> Float:
+    def of(self, rows: Index) -> Float:
         """(n, F) float64."""
 
 
@@ -136,12 +139,12 @@ class Straight(Design):
         """F."""
         return self.rows.width
 
-    def of(self, rows: slice) -> Float:
+    def of(self, rows: Index) -> Float:
         """(n, F) float64."""
         return self.by.of(self.rows[rows])
 
 
-def spread(read: Callable[[slice], Float32], n: int, width: int) -> Scaling:
+def spread(read: Callable[[slice], Float32 | Float], n: int, width: int) -> Scaling:
     """Mean and standard deviation of `n` rows of `width` columns, read in chunks."""
     total = np.zeros(width)
     for rows in chunks(n):
@@ -164,11 +167,13 @@ class Survey:
         design: the standardised rows.
         fold: (N,) int64 fold of each row; a roll-out lies in one fold.
         parts: moments of each fold.
+        weight: (F,) float64 how far each column is trusted; None = by its correlation.
     """
 
     design: Design
     fold: NDArray[np.int64]
     parts: tuple[Moments, ...]
+    weight: Float | None = None
 
     def whole(self) -> Moments:
         """Moments of all rows."""
@@ -190,7 +195,9 @@ def fold_of(groups: NDArray[np.int64], folds: int, rng: np.random.Generator) -> 
     return result
 
 
-def survey(design: Design, targets: Float, fold: NDArray[np.int64]) -> Survey:
+def survey(
+    design: Design, targets: Float, fold: NDArray[np.int64], weight: Float | None = None
+) -> Survey:
     """`Moments` of every fold, in one pass over the rows; they may be memory-mapped."""
     f, d = design.width, targets.shape[1]
     parts = [
@@ -205,21 +212,29 @@ def survey(design: Design, targets: Float, fold: NDArray[np.int64]) -> Survey:
             a, b = x[mine], y[mine]
             part = Moments(len(a), a.sum(0), b.sum(0), a.T @ a, a.T @ b, (b * b).sum(0))
             parts[k] = parts[k] + part
-    return Survey(design, fold, tuple(parts))
+    return Survey(design, fold, tuple(parts), weight)
 
 
-def solve(of: Moments, strength: float) -> Linear:
-    """Adaptive ridge regression.
+def correlations(of: Moments) -> Float:
+    """(F,) root of each feature's squared correlation with the targets; mean square 1."""
+    cross = of.xy / of.n - np.outer(of.x / of.n, of.y / of.n)
+    variance = of.xx.diagonal() / of.n - (of.x / of.n) ** 2
+    relevance = (cross**2).sum(1) / np.maximum(variance, 1e-12)
+    found: Float = np.sqrt(relevance / max(float(relevance.mean()), 1e-300))
+    return found
 
-    A feature's penalty is `strength` over its squared correlation with the targets (relative to
-    the mean of all), so that few telling features are not shrunk with the many that say little.
+
+def solve(of: Moments, strength: float, weight: Float | None = None) -> Linear:
+    """Ridge regression on features times `weight`.
+
+    Without a weight it is `correlations`: a feature's penalty is `strength` over its squared
+    correlation with the targets, so that few telling features are not shrunk with the many that
+    say little.
     """
     mean_x, mean_y = of.x / of.n, of.y / of.n
     cov = of.covariance()
     cross = of.xy / of.n - np.outer(mean_x, mean_y)
-    relevance = (cross**2).sum(1) / np.maximum(cov.diagonal(), 1e-12)
-    relevance /= max(float(relevance.mean()), 1e-300)
-    weight = np.sqrt(relevance)
+    weight = correlations(of) if weight is None else weight
     scaled = cov * weight[:, None] * weight
     scaled[np.diag_indices_from(scaled)] += strength
     factor = cho_factor(scaled, lower=True, overwrite_a=True)
@@ -249,28 +264,60 @@ class Base:
     strength: float
 
 
-def fit_base(targets: Float, known: Survey) -> Base:
-    """Choose the penalty by held-out folds, predict every row held out, and fit on all rows."""
+@dataclass(frozen=True, slots=True)
+class Judge:
+    """Moments from which some folds are judged by what the others tell.
+
+    Attributes:
+        known: of all rows, in columns that were chosen without the labels of the held-out folds.
+        held: the folds held out.
+    """
+
+    known: Survey
+    held: tuple[int, ...]
+
+    def unseen(self) -> Moments:
+        """Moments of the rows that are held out."""
+        return added([self.known.parts[k] for k in self.held])
+
+
+def fold_by_fold(known: Survey) -> list[Judge]:
+    """Every fold judged by all others, in the same columns."""
+    return [Judge(known, (k,)) for k in range(len(known.parts))]
+
+
+def fit_base(targets: Float, known: Survey, judges: Sequence[Judge]) -> Base:
+    """Choose the penalty by held-out folds, predict every row held out, and fit on all rows.
+
+    Args:
+        targets: (N, D).
+        known: of all rows.
+        judges: together they hold every fold out once.
+    """
     whole = known.whole()
-    used = [k for k, part in enumerate(known.parts) if 0 < part.n < whole.n]
+    used = [j for j in judges if 0 < j.unseen().n < whole.n]
     if len(used) < 2:
         linear = Linear(np.zeros((known.design.width, targets.shape[1])), whole.y / whole.n)
         return Base(linear, np.broadcast_to(linear.intercept, targets.shape).copy(), np.inf)
+    unseen = [judge.unseen() for judge in used]
+    seen = [judge.known.whole() - part for judge, part in zip(used, unseen, strict=True)]
     best, strength, chosen = np.inf, STRENGTHS[-1], list[Linear]()
     for candidate in reversed(STRENGTHS):
-        models = [solve(whole - known.parts[k], candidate) for k in used]
-        error = sum(squared_error(known.parts[k], m) for k, m in zip(used, models, strict=True))
+        models = [
+            solve(part, candidate, judge.known.weight)
+            for part, judge in zip(seen, used, strict=True)
+        ]
+        error = sum(squared_error(part, m) for part, m in zip(unseen, models, strict=True))
         if error < best:
             best, strength, chosen = error, candidate, models
         elif error > 1.002 * best:
             break
     held_out = np.empty_like(targets)
     for rows in chunks(len(targets)):
-        x = known.design.of(rows)
-        for k, model in zip(used, chosen, strict=True):
-            mine = known.fold[rows] == k
-            held_out[rows][mine] = x[mine] @ model.coef + model.intercept
-    return Base(solve(whole, strength), held_out, strength)
+        for judge, model in zip(used, chosen, strict=True):
+            mine = rows.start + np.flatnonzero(np.isin(known.fold[rows], judge.held))
+            held_out[mine] = judge.known.design.of(mine) @ model.coef + model.intercept
+    return Base(solve(whole, strength, known.weight), held_out, strength)
 
 
 def no_base(targets: Float, num_features: int) -> Base:

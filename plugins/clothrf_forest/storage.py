@@ -33,7 +33,7 @@ from clothrf_forest.ridge import Scaling
 from clothrf_forest.trees import NODE, Trees
 
 FORMAT = "clothrf-forest"
-VERSION = 2
+VERSION = 3
 ARRAYS = "forest.npz"
 ABOUT = "policy.json"
 
@@ -114,6 +114,7 @@ def _arrays_of(model: Model) -> dict[str, NDArray[Any]]:
         "values": model.values,
         "slopes": model.slopes,
         "variance": model.variance,
+        "usual": model.usual,
         "centre": model.centre,
         "scale": model.scale,
         "curve_axes": model.curves.axes,
@@ -148,6 +149,7 @@ def _model_of(about: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> Model:
         values=arrays["values"],
         slopes=arrays["slopes"],
         variance=arrays["variance"],
+        usual=arrays["usual"],
         centre=arrays["centre"],
         scale=arrays["scale"],
         curves=Curves(
@@ -185,6 +187,7 @@ def _check(model: Model, folder: Path) -> None:
         "values": (model.values, (t, leaves, d), np.float32),
         "slopes": (model.slopes, (t, leaves, s, d), np.float32),
         "variance": (model.variance, (t, leaves), np.float32),
+        "usual": (model.usual, (leaves,), np.float32),
         "centre": (model.centre, (f,), np.float32),
         "scale": (model.scale, (f,), np.float32),
         "curve_axes": (model.curves.axes, (f, q), np.float32),

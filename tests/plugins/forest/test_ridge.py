@@ -7,6 +7,7 @@ from clothrf_forest.ridge import (
     Scaling,
     Straight,
     fit_base,
+    fold_by_fold,
     fold_of,
     solve,
     spread,
@@ -94,8 +95,9 @@ def test_held_out_predictions_never_saw_their_roll_out() -> None:
     other = y.copy()
     other[mine] += 100.0
 
-    a = fit_base(y, first)
-    b = fit_base(other, survey(first.design, other, first.fold))
+    a = fit_base(y, first, fold_by_fold(first))
+    second = survey(first.design, other, first.fold)
+    b = fit_base(other, second, fold_by_fold(second))
 
     if a.strength == b.strength:
         np.testing.assert_allclose(a.held_out[mine], b.held_out[mine])
@@ -106,7 +108,7 @@ def test_what_is_linear_is_found() -> None:
     rows, y, groups = linear_rows(noise=0.01)
     known = surveyed(rows, y, groups)
 
-    base = fit_base(y, known)
+    base = fit_base(y, known, fold_by_fold(known))
 
     assert np.sqrt(((base.held_out - y) ** 2).mean()) < 0.015
 
@@ -116,6 +118,6 @@ def test_pure_noise_is_shrunk_to_nearly_a_constant() -> None:
     noise = np.random.default_rng(1).normal(size=(200, 4))
     known = surveyed(rows, noise, groups)
 
-    base = fit_base(noise, known)
+    base = fit_base(noise, known, fold_by_fold(known))
 
     assert ((base.held_out - noise) ** 2).mean() < 1.1 * noise.var()

@@ -41,7 +41,7 @@ def test_the_json_says_what_it_is_and_what_made_it(folder) -> None:
     about = json.loads((folder / "policy.json").read_text())
 
     assert about["format"] == "clothrf-forest"
-    assert about["version"] == 2
+    assert about["version"] == 3
     assert about["tasks"] == ["task 0"]
     assert about["config"]["trees"] == 4
     assert about["names"][0] == "feature 0"
@@ -63,9 +63,9 @@ def test_a_changed_byte_is_found(folder) -> None:
 
 def test_a_newer_version_is_refused(folder) -> None:
     about = json.loads((folder / "policy.json").read_text())
-    (folder / "policy.json").write_text(json.dumps({**about, "version": 3}))
+    (folder / "policy.json").write_text(json.dumps({**about, "version": 4}))
 
-    with pytest.raises(DataError, match="expected version 2, got 3"):
+    with pytest.raises(DataError, match="expected version 3, got 4"):
         load(folder)
 
 
