@@ -33,7 +33,8 @@ from clothrf_core.tuning_grid import Options, combinations, nested
 
 FOLD_STREAM, FIT_STREAM = 22, 23
 THIRD = 3
-SAMPLE_S, ROW_FIT_S = 0.012, 1e-3  # rough, for the time left
+# Rough, for the time left.
+SAMPLE_S, ROW_FIT_S, LEAST_FIT_S = 0.012, 1e-3, 3.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +62,8 @@ class TrialJob:
     @property
     def name(self) -> str:
         """How messages call it."""
-        return f"{self.options}, fold {self.fold} of {self.rollouts} roll-outs"
+        what = words(json.loads(self.options))
+        return f"{what}, fold {self.fold + 1} of {self.folds}, {self.rollouts} roll-outs"
 
     def run(self) -> dict[str, Any]:
         """Error numbers on the fold, see `held_out`."""
@@ -106,7 +108,8 @@ def tune(
     _same(out / "search.json", note)
     work = _rollouts(run, resolved, registry, section)
     rounds = list(schedule(len(tried), section))
-    fits = [ROW_FIT_S * n * resolved.experiment.training.steps * section.folds for _, n in rounds]
+    steps = resolved.experiment.training.steps
+    fits = [section.folds * max(LEAST_FIT_S, ROW_FIT_S * n * steps) for _, n in rounds]
     setting.plan(
         sum(w.seconds for w in work) + sum(c * f for (c, _), f in zip(rounds, fits, strict=True))
     )
@@ -124,10 +127,12 @@ def tune(
             do([cell for mine in cells.values() for cell in mine], runner, setting)
             for number, mine in cells.items():
                 rows[number] = _row(number, tried[number], used, mine)
-            left.sort(key=lambda number: (rows[number]["rms_mm"], number))
+            # The config as it is stays to the end: all others are compared with it.
+            left.sort(key=lambda number: (number > 0, rows[number]["rms_mm"], number))
     finally:
         runner.close()
     order = sorted(rows.values(), key=lambda r: (-r["rollouts"], r["rms_mm"], r["number"]))
+    order = [against(row, rows[0]) for row in order]
     best = changed(run.experiment, registry, order[0]["options"])
     atomic_write(out / "best.toml", best.text.encode())
     atomic_write(out / "tune.json", json_bytes(order))
@@ -135,13 +140,31 @@ def tune(
     return order
 
 
+def against(row: Mapping[str, Any], now: Mapping[str, Any]) -> dict[str, Any]:
+    """`row` and how its error differs from the config as it is, fold by fold.
+
+    Folds differ more from each other than combinations do, so only the differences tell.
+    """
+    if row["rollouts"] != now["rollouts"]:
+        return {**row, "change_mm": None, "change_half_mm": None}
+    mean, half = interval(np.array(row["each_mm"]) - np.array(now["each_mm"]))
+    return {**row, "change_mm": mean, "change_half_mm": half}
+
+
+def words(options: Options) -> str:
+    """A combination as a user would write it."""
+    return ", ".join(f"{k} = {v}" for k, v in options.items()) or "as it is"
+
+
 def table(order: Sequence[Mapping[str, Any]]) -> list[list[str]]:
     """The search as text, the best first; only rows of the last round saw all roll-outs."""
-    lines = [["rank", "options", "roll-outs", "RMS, mm", "± (95 %)", "NRE"]]
+    lines = [["rank", "options", "roll-outs", "RMS, mm", "NRE", "against as it is, mm (± 95 %)"]]
     for rank, row in enumerate(order, 1):
-        options = ", ".join(f"{k} = {v}" for k, v in row["options"].items()) or "as it is"
-        numbers = (f"{row['rms_mm']:.2f}", f"{row['half_mm']:.2f}", f"{row['nre']:.4f}")
-        lines.append([str(rank), options, str(row["rollouts"]), *numbers])
+        change = ""
+        if row["change_mm"] is not None and row["options"]:
+            change = f"{row['change_mm']:+.2f} ± {row['change_half_mm']:.2f}"
+        numbers = (str(row["rollouts"]), f"{row['rms_mm']:.2f}", f"{row['nre']:.4f}", change)
+        lines.append([str(rank), words(row["options"]), *numbers])
     return lines
 
 
@@ -222,13 +245,13 @@ def _cells(
 
 def _row(number: int, options: Options, used: int, cells: Sequence[Cell]) -> dict[str, Any]:
     found = [result(Path(cell.out)) for cell in cells]
-    mean, half = interval(np.array([f["rms_mm"] for f in found]))
+    each = [f["rms_mm"] for f in found]
     return {
         "number": number,
         "options": options,
         "rollouts": used,
-        "rms_mm": mean,
-        "half_mm": half,
+        "rms_mm": float(np.mean(each)),
+        "each_mm": each,
         "nre": float(np.mean([f["nre"] for f in found])),
     }
 

@@ -12,7 +12,7 @@ from clothrf_core.locations import shipped
 from clothrf_core.provider import Setting
 from clothrf_core.registry import Registry
 from clothrf_core.sections import TuneSection
-from clothrf_core.tuning import folds_of, schedule, tune
+from clothrf_core.tuning import against, folds_of, schedule, table, tune
 from clothrf_core.tuning_grid import combinations, declared
 
 SEARCH = """
@@ -131,8 +131,7 @@ def test_the_shipped_search_is_one():
     registry = Registry.installed()
     resolved = config.load(shipped("tune_three_tasks.toml"), registry)
     tried = combinations(resolved, registry, resolved.experiment.tune)
-    assert len(tried) == 27
-    assert {"min_impurity_decrease", "leaf_penalty", "min_samples_leaf"} <= set(tried[1])
+    assert tried == [{}, *({"curve_directions": n} for n in (24, 32, 64))]
 
 
 def test_the_command_prints_the_search(toy, experiment, tmp_path, monkeypatch, capsys):
@@ -146,3 +145,17 @@ def test_the_command_prints_the_search(toy, experiment, tmp_path, monkeypatch, c
         cli.main()
     assert "Best config:" in capsys.readouterr().out
     assert json.loads((out / "tune.json").read_text())[0]["rollouts"] == 6
+
+
+def test_a_change_is_judged_fold_by_fold():
+    now = {"number": 0, "options": {}, "rollouts": 6, "each_mm": [10.0, 20.0, 30.0]}
+    row = {"number": 1, "options": {"a": 1}, "rollouts": 6, "each_mm": [9.0, 19.0, 29.0]}
+    row = against({**row, "rms_mm": 19.0, "nre": 0.1}, now)
+    assert (row["change_mm"], row["change_half_mm"]) == (-1.0, 0.0)
+    assert table([row])[1] == ["1", "a = 1", "6", "19.00", "0.1000", "-1.00 ± 0.00"]
+
+
+def test_what_saw_fewer_roll_outs_is_not_compared():
+    now = {"number": 0, "options": {}, "rollouts": 6, "each_mm": [10.0]}
+    row = {"number": 1, "options": {"a": 1}, "rollouts": 2, "each_mm": [9.0]}
+    assert against(row, now)["change_mm"] is None

@@ -55,3 +55,18 @@ def test_noise_asks_for_few_leaves() -> None:
     assert gain >= 2e-3
     cut = sum(cut_back(tree, gain).num_leaves for tree in trees)
     assert cut < 0.2 * sum(tree.num_leaves for tree in trees)
+
+
+def test_leaves_converge_as_roll_outs_are_added() -> None:
+    from clothrf_forest.config import ForestConfig
+    from clothrf_forest.policy import Forest
+
+    from clothrf_core.testing.policy import synthetic_view
+
+    view = synthetic_view(rows=4000, tasks=1, groups=200)
+    leaves = [
+        Forest(ForestConfig(trees=20)).fit(view.rows(view.groups < n), np.random.default_rng(n))
+        for n in (170, 200)
+    ]
+
+    assert abs(leaves[1]["leaves"] / leaves[0]["leaves"] - 1.0) < 0.05
