@@ -112,7 +112,7 @@ def find_holders(
     start = (area.view.camera.T_world_camera[:3, 3] - anchor).astype(np.float32)
     table, boxes = touches(
         label, size, area.mask, area.depth, area.measured, area.view.directions, start, TOUCH,
-        area.roi,
+        area.roi, area.box,
     )  # fmt: skip
     touching, whole = table[:, 0], table[:, 4]
     things = np.flatnonzero(
@@ -258,7 +258,9 @@ def tip(
     return total / max(count, 1)
 
 
-@njit(cache=True, nogil=True)
+# Run by run: the sums of a run are vector code, and only its ends and what lies above and below
+# another thing are looked at one by one.
+@njit(cache=True, nogil=True, fastmath={"contract", "reassoc", "nsz"})
 def touches(
     label: NDArray[np.int32],
     size: NDArray[np.int32],
@@ -269,22 +271,24 @@ def touches(
     start: NDArray[np.float32],
     touch: float,
     roi: tuple[int, int, int, int],
+    cloth: tuple[int, int, int, int],
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """(labels + 1, 8): touching pixels, the sum of their cloth points, area, the sum of all points.
 
     And (labels + 1, 4): the half-open box (x0, y0, x1, y1) of each label's pixels. A pixel of a
     thing touches the cloth if, in one of the four directions, the next pixel of a thing or the
     cloth is cloth, at most `GAP` farther and within `touch` of its depth; the point counted is the
-    cloth's. All of it lies in `roi`; things smaller than `LEAST_AREA` are left out.
+    cloth's. All of it lies in `roi`, the cloth in the box `cloth`; things smaller than `LEAST_AREA`
+    are left out.
     """
     h, w = label.shape
     table = np.zeros((size.size, 8))
     boxes = np.zeros((size.size, 4), np.int64)
     boxes[:, 0] = w
     boxes[:, 1] = h
-    limit = np.float32(touch)
-    lost = np.float32(LOST)
+    limit, lost = np.float32(touch), np.float32(LOST)
     x0, y0, x1, y1 = roi
+    left, top, right, bottom = cloth
     for y in range(y0, y1):
         line = label[y]
         some = np.int32(0)
@@ -292,44 +296,79 @@ def touches(
             some |= line[x]
         if some == 0:
             continue
-        for x in range(x0, x1):
-            n = line[x]
+        end = x0
+        while end < x1:
+            begin = end
+            n = line[begin]
+            while end < x1 and line[end] == n:
+                end += 1
             if n == 0 or size[n] < LEAST_AREA:
                 continue
-            d = measured[y, x]
-            table[n, 4] += 1.0
             box = boxes[n]
-            box[0], box[1] = min(box[0], x), min(box[1], y)
-            box[2], box[3] = max(box[2], x + 1), max(box[3], y + 1)
+            box[0], box[1] = min(box[0], begin), min(box[1], y)
+            box[2], box[3] = max(box[2], end), max(box[3], y + 1)
+            table[n, 4] += end - begin
             for axis in range(3):
-                table[n, 5 + axis] += start[axis] + d * directions[axis, y, x]
-            for k in range(4):
-                down = 1 if k == 0 else (-1 if k == 1 else 0)
-                right = 1 if k == 2 else (-1 if k == 3 else 0)
-                j, i = y + down, x + right
-                # Within the thing: the usual case.
-                if 0 <= j < h and 0 <= i < w and label[j, i] == n:
-                    continue
-                gap = 0
-                # Next to an edge depth sensors see nothing, or specks of anything.
-                while (
-                    gap < GAP
-                    and 0 <= j < h
-                    and 0 <= i < w
-                    and not mask[j, i]
-                    and (label[j, i] == 0 or size[label[j, i]] < LEAST_AREA)
-                ):
-                    j, i, gap = j + down, i + right, gap + 1
-                if not (0 <= j < h and 0 <= i < w) or not mask[j, i]:
-                    continue
-                c = depth[j, i]
-                if measured[j, i] <= 0.0 and abs(c - d) < lost:
-                    c = d
-                if abs(c - d) < limit:
-                    table[n, 0] += 1.0
-                    for axis in range(3):
-                        table[n, 1 + axis] += start[axis] + c * directions[axis, j, i]
+                row, ray = measured[y, begin:end], directions[axis, y, begin:end]
+                total = np.float32(0.0)
+                for i in range(end - begin):
+                    total += row[i] * ray[i]
+                table[n, 5 + axis] += float(total) + (end - begin) * float(start[axis])
+            given = (label, size, mask, depth, measured, directions, start, limit, lost, table[n])
+            # Nothing is met where the cloth does not reach.
+            if top <= y < bottom:
+                if left < begin <= right + GAP:
+                    _touch(y, begin, 0, -1, *given)
+                if left <= end + GAP and end < right:
+                    _touch(y, end - 1, 0, 1, *given)
+            up = y > 0 and top < y <= bottom + GAP
+            down = y + 1 < h and top <= y + 1 + GAP and y + 1 < bottom
+            for x in range(max(begin, left), min(end, right)):
+                if up and label[y - 1, x] != n:
+                    _touch(y, x, -1, 0, *given)
+                if down and label[y + 1, x] != n:
+                    _touch(y, x, 1, 0, *given)
     return table, boxes
+
+
+@njit(cache=True, nogil=True)
+def _touch(
+    y: int,
+    x: int,
+    down: int,
+    right: int,
+    label: NDArray[np.int32],
+    size: NDArray[np.int32],
+    mask: NDArray[np.bool_],
+    depth: NDArray[np.float32],
+    measured: NDArray[np.float32],
+    directions: NDArray[np.float32],
+    start: NDArray[np.float32],
+    limit: np.float32,
+    lost: np.float32,
+    row: NDArray[np.float64],
+) -> None:
+    """Add to a thing's row of the table where its pixel (y, x) touches the cloth that way."""
+    h, w = label.shape
+    j, i, gap = y + down, x + right, 0
+    # Next to an edge depth sensors see nothing, or specks of anything.
+    while (
+        gap < GAP
+        and 0 <= j < h
+        and 0 <= i < w
+        and not mask[j, i]
+        and (label[j, i] == 0 or size[label[j, i]] < LEAST_AREA)
+    ):
+        j, i, gap = j + down, i + right, gap + 1
+    if not (0 <= j < h and 0 <= i < w) or not mask[j, i]:
+        return
+    c, d = depth[j, i], measured[y, x]
+    if measured[j, i] <= 0.0 and abs(c - d) < lost:
+        c = d
+    if abs(c - d) < limit:
+        row[0] += 1.0
+        for axis in range(3):
+            row[1 + axis] += start[axis] + c * directions[axis, j, i]
 
 
 def _level(vector: Float) -> Float:

@@ -272,7 +272,11 @@ def test_compiled_touches_and_tip_equal_plain_python():
     measured[mask & (rng.random((h, w)) < 0.3)] = 0.0
     depth[measured == 0.0] += 0.2
 
-    got, boxes = touches(label, size, mask, depth, measured, rays, start, 0.05, (2, 2, 9, 11))
+    mask[:, :2] = mask[11:] = False
+
+    got, boxes = touches(
+        label, size, mask, depth, measured, rays, start, 0.05, (2, 2, 9, 11), (2, 0, w, 11)
+    )
 
     want = np.zeros((4, 8))
     roi = np.zeros((h, w), bool)
