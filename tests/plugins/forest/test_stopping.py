@@ -63,10 +63,10 @@ def test_leaves_converge_as_roll_outs_are_added() -> None:
 
     from clothrf_core.testing.policy import synthetic_view
 
-    view = synthetic_view(rows=4000, tasks=1, groups=200)
+    view = synthetic_view(rows=3000, tasks=1, groups=150)
     leaves = [
         Forest(ForestConfig(trees=20)).fit(view.rows(view.groups < n), np.random.default_rng(n))
-        for n in (170, 200)
+        for n in (100, 150)
     ]
 
-    assert abs(leaves[1]["leaves"] / leaves[0]["leaves"] - 1.0) < 0.05
+    assert abs(leaves[1]["leaves"] / leaves[0]["leaves"] - 1.0) < 0.04
