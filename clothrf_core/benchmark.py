@@ -61,12 +61,21 @@ def as_json(outcomes: Sequence[Outcome]) -> dict[str, Any]:
             "peak_memory_mib": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0,
         },
         "figures": {
-            f.name: {"value": f.value, "unit": f.unit, "detail": dict(f.detail)}
+            f.name: {
+                "value": plain(f.value),
+                "unit": f.unit,
+                "detail": {key: plain(value) for key, value in f.detail.items()},
+            }
             for o in outcomes
             for f in o.figures
         },
         "skipped": {o.benchmark.name: o.skipped for o in outcomes if o.skipped},
     }
+
+
+def plain(value: Any) -> Any:
+    """A number of numpy as one of Python's, which JSON knows; anything else as it is."""
+    return value.item() if isinstance(value, np.generic) else value
 
 
 def changes(

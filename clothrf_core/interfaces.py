@@ -342,6 +342,10 @@ class ArmModel(Protocol):
         """What the arms look like at `q`: (p0, p1, radius), end points (3,) world, metres."""
         return ()
 
+    def fixtures(self) -> Sequence[tuple[Float, Float]]:
+        """What of the robot never moves, as boxes between two corners (3,), world, metres."""
+        return ()
+
 
 class BridgeEnd(Protocol):
     """Where the bridge's joint stream ends: a simulated YuMi or ABB's EGM."""

@@ -14,7 +14,7 @@ from clothrf_core.types import Float
 from clothrf_yumi.body import Body
 from clothrf_yumi.config import YumiConfig
 from clothrf_yumi.ik import InverseKinematics, Patience, Weights
-from clothrf_yumi.irb14000 import JOINT_NAMES
+from clothrf_yumi.irb14000 import BODY, JOINT_NAMES
 from clothrf_yumi.kinematics import Kinematics
 from clothrf_yumi.limiter import RuckigLimiter
 from clothrf_yumi.limits import Limits
@@ -118,6 +118,10 @@ class Yumi(ArmModel):
     def capsules(self, q: Float) -> Sequence[tuple[Float, Float, float]]:
         self._kinematics.update(np.asarray(q, dtype=np.float64))
         return self._body.capsules()
+
+    @override
+    def fixtures(self) -> Sequence[tuple[Float, Float]]:
+        return [(np.array(box.low), np.array(box.high)) for box in BODY]
 
 
 def build(config: YumiConfig, context: BuildContext) -> Yumi:

@@ -19,6 +19,7 @@ from clothrf_core.clock import WallClock
 from clothrf_core.errors import ClothrfError
 from clothrf_core.interfaces import ArmModel
 from clothrf_core.provider import Figure
+from clothrf_core.punctual import punctual
 from clothrf_core.registry import Registry
 from clothrf_core.types import Float, RobotCommand
 from clothrf_zenoh.attachment import Attachment
@@ -29,7 +30,7 @@ from clothrf_zenoh.compose import bounds_of, choose
 from clothrf_zenoh.config import LimitsSection, YumiZenohConfig, ZenohSection
 from clothrf_zenoh.faults import BridgeRefused
 from clothrf_zenoh.messages import JointTrajectoryCodec, epoch_frame
-from clothrf_zenoh.pace import Pace, be_punctual, wall_ns
+from clothrf_zenoh.pace import Pace, wall_ns
 from clothrf_zenoh.process import BridgeProcess, egm_simulation
 from clothrf_zenoh.robot import StreamedYumi
 from clothrf_zenoh.session import keys_of, open_session
@@ -264,8 +265,7 @@ def _swing(port: int, seconds: float) -> None:
     """Body of the sender that is cut: shoulders and wrists to and fro at full speed."""
     arm = _arm(Registry.installed())
     clock = WallClock()
-    be_punctual(priority=20)
-    with _client(port, tuple(arm.joint_names), os.urandom(16)) as client:
+    with punctual(), _client(port, tuple(arm.joint_names), os.urandom(16)) as client:
         client.wait_for_bridge(10.0)
         deadline = time.monotonic() + 5.0
         while client.status.get("at_rest") != "True" and time.monotonic() < deadline:

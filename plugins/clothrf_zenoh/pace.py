@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import contextlib
 import gc
-import os
 import time
 from dataclasses import dataclass
 
@@ -77,29 +75,6 @@ class Pace:
         self.ticks += 1
         self._started = now
         return now
-
-
-def be_punctual(*, priority: int, cpu: int | None = None) -> str:
-    """Make this process as punctual as it may be; says what was granted.
-
-    SCHED_FIFO if permitted, else a better nice value, else nothing. Call it before Zenoh is opened:
-    its threads inherit the scheduling, and a loop that outruns its own network loses messages.
-    """
-    if cpu is not None:
-        with contextlib.suppress(OSError):
-            os.sched_setaffinity(0, {cpu})
-    if priority <= 0:
-        return "default scheduling"
-    try:
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
-        return f"SCHED_FIFO {priority}"
-    except OSError:
-        pass
-    try:
-        os.nice(-10)
-        return "nice -10"
-    except OSError:
-        return "default scheduling (no permission for SCHED_FIFO)"
 
 
 def settle_memory() -> None:

@@ -10,6 +10,7 @@ from contextlib import ExitStack
 from clothrf_core.clock import Clock
 from clothrf_core.errors import ClothrfError
 from clothrf_core.interfaces import BridgeEnd
+from clothrf_core.punctual import punctual
 from clothrf_core.registry import Registry
 from clothrf_core.types import Float
 from clothrf_zenoh import requests
@@ -17,7 +18,7 @@ from clothrf_zenoh.bridge import MOVING, Bridge
 from clothrf_zenoh.checks import Instant
 from clothrf_zenoh.compose import BridgeFile, bounds_of, build_arm, build_end
 from clothrf_zenoh.messages import JointState, encode_diagnostics, encode_joint_state
-from clothrf_zenoh.pace import Pace, be_punctual, settle_memory, wall_ns
+from clothrf_zenoh.pace import Pace, settle_memory, wall_ns
 from clothrf_zenoh.report import diagnostics_of, status_of
 from clothrf_zenoh.requests import Reply
 from clothrf_zenoh.session import keys_of, open_session
@@ -203,8 +204,8 @@ def serve(
         max_gap_s=config.limits.max_gap_s,
         first_epoch=int(wall_ns() // 1_000_000_000) & 0xFFFFFFFF,
     )
-    scheduling = be_punctual(priority=config.realtime_priority, cpu=config.cpu)
     with ExitStack() as stack:
+        scheduling = stack.enter_context(punctual(config.realtime_priority, cpu=config.cpu))
         session = stack.enter_context(open_session(config.zenoh, file.folder))
         end = stack.enter_context(build_end(file, registry))
         wire = stack.enter_context(BridgeWire(session, keys_of(config.zenoh), os.urandom(16)))

@@ -20,6 +20,7 @@ from clothrf_core.clock import Clock, WallClock
 from clothrf_core.errors import ClothrfError, RefusedTarget
 from clothrf_core.interfaces import ArmModel
 from clothrf_core.provider import BuildContext
+from clothrf_core.punctual import punctual
 from clothrf_core.registry import Registry
 from clothrf_core.rig import Rig
 from clothrf_zenoh.client import BridgeClient
@@ -27,7 +28,7 @@ from clothrf_zenoh.compose import choose
 from clothrf_zenoh.config import YumiZenohConfig
 from clothrf_zenoh.follower import Follower
 from clothrf_zenoh.mailbox import Mailbox, News, Wish
-from clothrf_zenoh.pace import Pace, be_punctual, settle_memory
+from clothrf_zenoh.pace import Pace, settle_memory
 from clothrf_zenoh.session import keys_of, open_session
 
 RENEWALS_PER_LEASE = 3
@@ -192,8 +193,8 @@ def _stream(setup: StreamSetup, wishes: Mailbox, news: Mailbox, parent: int) -> 
     context = BuildContext(rig=rig, folder=folder, registry=registry)
     arm: ArmModel = registry.build("arm", name, options, context)
     clock = WallClock()
-    be_punctual(priority=config.realtime_priority)
     with ExitStack() as stack:
+        stack.enter_context(punctual(config.realtime_priority))
         session = stack.enter_context(open_session(config.zenoh, folder))
         client = stack.enter_context(
             BridgeClient(

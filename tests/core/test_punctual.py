@@ -27,8 +27,34 @@ def test_without_permission_the_block_runs_all_the_same(monkeypatch):
         raise PermissionError
 
     monkeypatch.setattr(os, "sched_setscheduler", refused)
+    monkeypatch.setattr(os, "nice", refused)
     with punctual(10) as granted:
         assert granted == "default (no permission for SCHED_FIFO)"
+
+
+def test_without_permission_for_real_time_it_is_at_least_nicer_for_the_block(monkeypatch):
+    def refused(*_):
+        raise PermissionError
+
+    given = []
+    monkeypatch.setattr(os, "sched_setscheduler", refused)
+    monkeypatch.setattr(os, "nice", given.append)
+    with punctual(10) as granted:
+        assert granted == "nice -10"
+    assert given == [-10, 10]
+
+
+def test_a_core_is_kept_for_the_block_only():
+    before = os.sched_getaffinity(0)
+    with punctual(0, cpu=min(before)):
+        assert os.sched_getaffinity(0) == {min(before)}
+    assert os.sched_getaffinity(0) == before
+
+
+def test_a_core_that_is_not_there_is_not_insisted_on():
+    before = os.sched_getaffinity(0)
+    with punctual(0, cpu=10_000):
+        assert os.sched_getaffinity(0) == before
 
 
 def test_opencv_has_one_thread_inside_and_its_own_after():
