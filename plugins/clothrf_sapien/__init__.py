@@ -47,6 +47,12 @@ def _cloth_peer(quick: bool) -> list[Figure]:  # noqa: FBT001
     return against_mujoco(quick=quick)
 
 
+def _cloth_newton(quick: bool) -> list[Figure]:  # noqa: FBT001
+    from clothrf_sapien.bench_newton import against_newton
+
+    return against_newton(quick=quick)
+
+
 def _picture(quick: bool) -> list[Figure]:  # noqa: FBT001
     from clothrf_sapien.camera_bench import frames
 
@@ -90,4 +96,5 @@ def clothrf_benchmarks() -> Sequence[Benchmark]:
         Benchmark(group="core", name="cloth truth", run=_cloth_truth, needs="fast"),
         Benchmark(group="core", name="SAPIEN frame", run=_picture, needs="vulkan"),
         Benchmark(group="scale", name="cloth against MuJoCo", run=_cloth_peer, needs="mujoco"),
+        Benchmark(group="scale", name="cloth against Newton", run=_cloth_newton, needs="newton"),
     ]
