@@ -1,8 +1,8 @@
 """Newton's cloth (its Style3D solver, on Warp's processor device) beside ours.
 
 Optional: ``pip install newton`` brings Warp, both under Apache 2.0. The same mesh, density and
-motion. Two substeps of ten iterations leave 4 to 8 % strain, ours 1 %; ten of four, half of it for twice
-the time. Its vertex block descent needs 400 ms a step for 8 %. Both are made for GPUs.
+motion. Two substeps of ten iterations leave 4 to 8 % strain, ours 1 %; ten of four, half of it for
+twice the time. Its vertex block descent needs 400 ms a step for 8 %. Both are made for GPUs.
 """
 
 from __future__ import annotations
