@@ -14,6 +14,7 @@ told apart): an arm before the cloth 0.965 instead of 0.955, another cloth 0.989
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -57,7 +58,7 @@ class Novelty:
 def principal(of: Moments, components: int) -> Novelty:
     """The model of the rows behind `of`; limits are still infinite."""
     f = len(of.x)
-    k = min(components, max(f - 1, 1), max(of.n - 2, 1))
+    k = min(components, max(f - 1, 1), max(int(of.n) - 2, 1))
     cov = of.covariance()
     variance, axes = eigh(cov, subset_by_index=[f - k, f - 1])
     left = max(float(np.trace(cov)) - float(variance.sum()), 0.0) / max(f - k, 1)
@@ -74,49 +75,47 @@ def principal(of: Moments, components: int) -> Novelty:
 def fit_novelty(known: Survey, *, components: int) -> tuple[Novelty, Float, bool]:
     """The model of all rows, without limits; the (N,) scores of the rows; are they held out?
 
-    Each half of the folds is judged by the other half's model. Too few rows for that: the scores
-    are the model's own.
+    Every fold is judged by a model of the others: by a model of much fewer rows all would look
+    stranger than new pictures do. Too few rows for that: the scores are the model's own.
     """
     design = known.design
-    halves = [added(known.parts[0::2]), added(known.parts[1::2])]
-    if min(half.n for half in halves) < 2 * components:
-        model = principal(known.whole(), components)
+    whole = known.whole()
+    if min(whole.n - part.n for part in known.parts) < 2 * components:
+        model = principal(whole, components)
         return model, model.scores(design.of(slice(None))), False
-    first = _judged(known, [principal(half, components) for half in halves])
-    halves = _counted(known, first)
-    scores = _judged(known, [principal(half, components) for half in halves])
-    return principal(added(halves), components), scores, True
+    counted = _counted(known, _judged(known, known.parts, components))
+    return principal(added(counted), components), _judged(known, counted, components), True
 
 
-def _judged(known: Survey, models: list[Novelty]) -> Float:
-    """(N,) scores of the rows; those of the even folds come from the second model."""
+def _judged(known: Survey, parts: Sequence[Moments], components: int) -> Float:
+    """(N,) scores of the rows of every fold by a model of the other folds."""
+    whole = added(parts)
+    models = [principal(whole - part, components) for part in parts]
     scores = np.empty(len(known.design))
     for rows in chunks(len(known.design)):
         x = known.design.of(rows)
-        odd = known.fold[rows] % 2 == 1
         part = scores[rows]
-        part[odd], part[~odd] = models[0].scores(x[odd]), models[1].scores(x[~odd])
+        for k, model in enumerate(models):
+            mine = known.fold[rows] == k
+            part[mine] = model.scores(x[mine])
     return scores
 
 
 def _counted(known: Survey, count: Float) -> list[Moments]:
-    """Moments of the even and the odd folds, each row counted by (N,) `count` over its mean."""
+    """Moments of the folds, each row counted by (N,) `count` over its mean."""
     f = known.design.width
-    sums = [[np.zeros(f), np.zeros((f, f))] for _ in range(2)]
+    none = np.zeros(0)
+    found = [
+        Moments(0, np.zeros(f), none, np.zeros((f, f)), np.zeros((f, 0)), none) for _ in known.parts
+    ]
+    share = count / max(float(count.mean()), 1e-300)
     for rows in chunks(len(known.design)):
         x = known.design.of(rows)
-        for half, (total, square) in enumerate(sums):
-            mine = known.fold[rows] % 2 == half
-            weighted = x[mine] * count[rows][mine, None]
-            total += weighted.sum(0)
-            square += x[mine].T @ weighted
-    found = []
-    for half, (total, square) in enumerate(sums):
-        mine = known.fold % 2 == half
-        n = int(mine.sum())
-        mean = max(float(count[mine].mean()), 1e-300)
-        none = np.zeros(0)
-        found.append(Moments(n, total / mean, none, square / mean, np.zeros((f, 0)), none))
+        for k, part in enumerate(found):
+            mine = known.fold[rows] == k
+            a, w = x[mine], share[rows][mine]
+            more = Moments(w.sum(), w @ a, none, (a * w[:, None]).T @ a, part.xy, none)
+            found[k] = part + more
     return found
 
 

@@ -35,7 +35,7 @@ class Moments:
     """Sums over some rows, of features shifted and scaled: enough for any linear model.
 
     Attributes:
-        n: rows.
+        n: rows, or the sum of how much they count.
         x: (F,) sum of features.
         y: (D,) sum of targets.
         xx: (F, F) sum of products of features.
@@ -43,7 +43,7 @@ class Moments:
         yy: (D,) sum of squared targets.
     """
 
-    n: int
+    n: float
     x: Float
     y: Float
     xx: Float
