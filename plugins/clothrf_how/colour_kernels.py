@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from clothrf_how.foreground_kernels import CANDIDATE, ODD
+from clothrf_how.foreground_kernels import CANDIDATE, GROWN, ODD, UNMEASURED
 
 # Shades of a working pixel: no colour to speak of, the cloth's colour, another one.
 UNTOLD = 0
@@ -22,6 +22,8 @@ BINS = 256
 LEAST_SPREAD = np.float32(0.025)
 # Counts of slack for the rounding of dark pixels.
 SLACK = np.float32(4.0)
+# Pixels from the mask up to which a grown pixel's depth is as good as measured.
+NEAR = 2
 # Every so many rows and columns are enough for a median.
 EVERY = 4
 # A growth that has not ended after `reach` pixels covers the background.
@@ -213,6 +215,7 @@ def complete(
     mask: NDArray[np.bool_],
     depth: NDArray[np.float32],
     z: NDArray[np.float32],
+    state: NDArray[np.uint8],
     shade: NDArray[np.uint8],
     label: NDArray[np.int32],
     large: NDArray[np.bool_],
@@ -232,6 +235,7 @@ def complete(
         mask: (h, w) bool, changed.
         depth: (h, w) float32 metres, 0 outside the mask, changed.
         z: (h, w) float32 measured depth, 0 = none.
+        state: (h, w) uint8, changed: `GROWN` where nothing is measured nearby.
         shade: (h, w) uint8 of `shades`.
         label: (h, w) int32 pieces, 0 = none.
         large: (labels + 1,) bool, pieces that are not grown over: what they are was decided.
@@ -274,14 +278,16 @@ def complete(
                     grown = _reached(
                         y, x, mask, depth, z, shade, label, large, limit, off, front, grown
                     )
-    start, end = 0, grown
-    for _ in range(reach - 1):
+    start, end, far = 0, grown, grown
+    for level in range(1, reach):
         if start == end:
             break
         for n in range(start, end):
             y, x = front[n, 0], front[n, 1]
             grown = _reached(y, x, mask, depth, z, shade, label, large, limit, off, front, grown)
         start, end = end, grown
+        if level < NEAR:
+            far = grown
     if end - start > ALIVE * area or grown > 2 * area:
         for n in range(grown):
             depth[front[n, 0], front[n, 1]] = np.float32(0.0)
@@ -289,6 +295,8 @@ def complete(
     for n in range(grown):
         y, x = front[n, 0], front[n, 1]
         mask[y, x] = True
+        if n >= far and state[y, x] == UNMEASURED:
+            state[y, x] = GROWN
         x0, y0, x1, y1 = min(x0, x), min(y0, y), max(x1, x + 1), max(y1, y + 1)
     return x0, y0, x1, y1
 

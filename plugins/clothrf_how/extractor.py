@@ -164,32 +164,35 @@ class Extractor(FeatureExtractor):
     @override
     def extract(self, observation: Observation) -> Features:
         frame = observation.frame
-        area = self.foreground(frame)
+        # A robot without two grippers, or that does not say where they are: what the picture says.
+        grasp = observation.grasp.positions
+        known = grasp if grasp.shape == (2, 3) else None
+        area = self.foreground(frame, known)
         if not area.usable:
             return self._nothing()
         middle = anchor(area)
-        sight = self._sight(frame, area, middle, observation.grasp.positions - middle)
+        sight = self._sight(frame, area, middle, None if known is None else known - middle)
         values = np.concatenate([group.compute(sight) for group in self._channels])
         if not (np.isfinite(values).all() and np.isfinite(middle).all()):
             return self._nothing()
         return Features(values=values, names=self._names, anchor=middle)
 
-    def _sight(self, frame: RgbdFrame, area: Foreground, middle: Float, grasp: Float) -> Sight:
+    def _sight(
+        self, frame: RgbdFrame, area: Foreground, middle: Float, known: Float | None
+    ) -> Sight:
         if not self._needs_cloud:
             return Sight(frame, area, None, None, middle)
         cloud = Cloud.of(area, middle)
         if not self._needs_corners:
             return Sight(frame, area, cloud, None, middle)
         layout = self._layout or Layout.facing(frame.camera.T_world_camera)
-        # A robot without two grippers, or that does not say where they are: what the picture says.
-        known = grasp if grasp.shape == (2, 3) else None
         holders = find_holders(area, middle, layout, known)
         return Sight(frame, area, cloud, find_corners(cloud, holders, layout, known), middle)
 
-    def foreground(self, frame: RgbdFrame) -> Foreground:
-        """The cloth of a picture; for overlays and tests."""
+    def foreground(self, frame: RgbdFrame, grasp: Float | None = None) -> Foreground:
+        """The cloth of a picture, held at (2, 3) `grasp`, world metres, if that is known."""
         view = self._view_of(frame.camera)
-        return foreground(frame, view, self._where, self.options.foreground)
+        return foreground(frame, view, self._where, self.options.foreground, grasp)
 
     def _view_of(self, camera: CameraModel) -> View:
         view = self._view

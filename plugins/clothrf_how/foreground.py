@@ -30,9 +30,15 @@ NOISY = (0.003, 0.006, 0.012)
 CALM = (0, 2, 4, 6)
 # Where more of the background than this has the cloth's colour, it does not say where cloth ends.
 ALIKE = 0.5
+# Further pieces that have the cloth's colour are kept from this share of the largest on.
+OWN_SHARE = 0.003
+# Metres from the line between the grippers within which cloth is held, and pixels of it that tell.
+HELD = 0.12
+BETWEEN = 100
 # The states if what is odd were the cloth, and the cloth what is odd.
 EXCHANGED = np.array(
-    [kernels.UNMEASURED, kernels.ODD, kernels.ELSEWHERE, kernels.CANDIDATE], np.uint8
+    [kernels.UNMEASURED, kernels.ODD, kernels.ELSEWHERE, kernels.CANDIDATE, kernels.UNMEASURED],
+    np.uint8,
 )
 
 
@@ -108,9 +114,21 @@ class Foreground:
 
 
 def foreground(
-    frame: RgbdFrame, view: View, where: ForegroundSection, options: ForegroundOptions
+    frame: RgbdFrame,
+    view: View,
+    where: ForegroundSection,
+    options: ForegroundOptions,
+    grasp: Float | None = None,
 ) -> Foreground:
-    """The cloth of `frame`: the largest surface where cloth may be, and its further pieces."""
+    """The cloth of `frame`: the largest surface where cloth may be, and its further pieces.
+
+    Args:
+        frame: the picture.
+        view: of its camera.
+        where: cloth may be.
+        options: of the features.
+        grasp: (2, 3) world metres, where the robot holds the cloth; None or NaN = not known.
+    """
     sigma = noise_kernels.noise(frame.depth, where.depth_min, where.depth_max)
     radius = CALM[bisect.bisect(NOISY, sigma)]
     z, state = _reduced(frame, view, where, sigma)
@@ -120,13 +138,13 @@ def foreground(
     told, odd = _told(state, frame, view, where, options, roi)
     cloth = _cloth(z, state, told, options, roi)
     if where.hue is None and 2 * odd > np.count_nonzero(cloth.mask):
-        # A sensor that lost most of the cloth leaves hands that are larger than it: whichever is
-        # the larger with what it lost is the cloth.
+        # Hands and arms may be more of the picture than a cloth that is half hidden, or lost to the
+        # sensor: what lies between the grippers is the cloth.
         other = EXCHANGED[state]
         told, odd = _told(other, frame, view, where, options, roi)
         if told is not None:
             rival = _cloth(z, other, told, options, roi)
-            if np.count_nonzero(rival.mask) > np.count_nonzero(cloth.mask):
+            if _fits_better(*rival[:2], *cloth[:2], view, grasp):
                 state, cloth = other, rival
     mask, depth, roi = cloth
     if radius > 0:
@@ -193,6 +211,43 @@ def _told(
     return shade, odd
 
 
+def _fits_better(
+    one: NDArray[np.bool_],
+    depth: Float32,
+    other: NDArray[np.bool_],
+    other_depth: Float32,
+    view: View,
+    grasp: Float | None,
+) -> bool:
+    """Whether more of the first mask than of the other lies between the grippers.
+
+    Where they are not known, or nothing lies there: whether it is thicker.
+    """
+    if grasp is not None and np.isfinite(grasp).all():
+        between = _between(one, depth, view, grasp)
+        rival = _between(other, other_depth, view, grasp)
+        if max(between, rival) >= BETWEEN:
+            return between > rival
+    return _thickness(one) > _thickness(other)
+
+
+def _between(mask: NDArray[np.bool_], depth: Float32, view: View, grasp: Float) -> int:
+    """Pixels whose points are `HELD` from the line between the grippers at most."""
+    points = (view.origin[:, None] + depth[mask] * view.directions[:, mask]).T
+    line = grasp[1] - grasp[0]
+    along = (points - grasp[0]) @ line / max(float(line @ line), 1e-9)
+    off = points - (grasp[0] + np.clip(along, 0.0, 1.0)[:, None] * line)
+    return int(np.count_nonzero((off**2).sum(axis=1) < HELD * HELD))
+
+
+def _thickness(mask: NDArray[np.bool_]) -> float:
+    """Sum over a mask of the distance to its rim, pixels: large for sheets, small for arms."""
+    inside = cv2.distanceTransform(
+        src=mask.view(np.uint8), distanceType=cv2.DIST_L2, maskSize=cv2.DIST_MASK_3
+    )
+    return float(inside.sum(dtype=np.float64))
+
+
 def _calm(z: Float32, size: int, roi: tuple[int, int, int, int]) -> None:
     """Replace depths within `roi`, in place, by the median of `size` x `size` pixels about them."""
     around = size // 2
@@ -220,7 +275,8 @@ def _cloth(
 ) -> _Cloth:
     """The largest surface, its further pieces, holes bridged, and what has its colour."""
     label, area = surface_kernels.surfaces(z, state, options.jump, kernels.CANDIDATE, roi)
-    kept = _pieces(label, area, z, options, roi)
+    share = options.keep_share if shade is None else OWN_SHARE
+    kept = _pieces(label, area, z, share, options.stand_off, roi)
     mask, depth = mask_kernels.bridge(
         label, np.array(kept, np.int32), z, options.fill_gap, options.jump, roi
     )
@@ -230,10 +286,10 @@ def _cloth(
         and kept
         and colour.likeness(state, shade) < ALIKE
     ):
-        large = area >= _least(area[kept[0]], options)
+        large = area >= _least(area[kept[0]], options.keep_share)
         large[0] = False
         roi = colour.complete(
-            mask, depth, z, shade, label, large, options.jump, options.stand_off,
+            mask, depth, z, state, shade, label, large, options.jump, options.stand_off,
             options.complete, roi,
         )  # fmt: skip
     return _Cloth(mask, depth, roi)
@@ -289,24 +345,25 @@ def _pieces(
     label: NDArray[np.int32],
     area: NDArray[np.int32],
     z: Float32,
-    options: ForegroundOptions,
+    share: float,
+    stand_off: float,
     roi: tuple[int, int, int, int],
 ) -> list[int]:
     """The largest piece, and large ones not far before or behind it where they meet it."""
     if area.size < 2:
         return []
     main = int(np.argmax(area))
-    least = _least(area[main], options)
+    least = _least(area[main], share)
     further = [int(n) for n in np.flatnonzero(area >= least) if n != main]
     if further:
-        meets = surface_kernels.apart(label, area, z, main, least, options.stand_off, roi)
+        meets = surface_kernels.apart(label, area, z, main, least, stand_off, roi)
         further = [n for n in further if 2 * meets[n, 0] <= meets[n, 1]]
     return [main, *further]
 
 
-def _least(area: int, options: ForegroundOptions) -> int:
+def _least(area: int, share: float) -> int:
     """Pixels of a piece that is looked at beside the largest, of `area` pixels."""
-    return max(1, int(options.keep_share * area))
+    return max(1, int(share * area))
 
 
 def warm() -> None:
@@ -329,5 +386,5 @@ def warm() -> None:
     surface_kernels.apart(label, area, z, 1, 1, 0.1, box)
     mask, depth = mask_kernels.bridge(label, area[1:], z, 1, 0.1, box)
     colour.likeness(state, shade)
-    colour.complete(mask, depth, z, shade, label, area > 1, 0.1, 0.1, 1, box)
+    colour.complete(mask, depth, z, state, shade, label, area > 1, 0.1, 0.1, 1, box)
     mask_kernels.sums(mask, noise_kernels.calmed(depth, mask, 1, box), box)

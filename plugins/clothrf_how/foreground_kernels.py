@@ -11,6 +11,8 @@ UNMEASURED = 0
 CANDIDATE = 1
 ELSEWHERE = 2
 ODD = 3
+# Taken for cloth by its colour, out of touch with what is measured of it.
+GROWN = 4
 
 # Pieces of the picture meet across this many pixels: depth is missing along edges.
 GAP = 4

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from clothrf_core.rig import Rig
 from clothrf_core.types import Float
 from clothrf_how.foreground import Foreground
-from clothrf_how.foreground_kernels import ODD
+from clothrf_how.foreground_kernels import GROWN, ODD
 from clothrf_how.surface_kernels import surfaces
 
 SLOTS = ("hand0", "hand1", "grasp0", "grasp1")
@@ -111,8 +111,8 @@ def find_holders(
     label, size = surfaces(area.measured, area.state, SMOOTH, ODD, area.roi)
     start = (area.view.camera.T_world_camera[:3, 3] - anchor).astype(np.float32)
     table, boxes = touches(
-        label, size, area.mask, area.depth, area.measured, area.view.directions, start, TOUCH,
-        area.roi, area.box,
+        label, size, area.mask, area.depth, area.measured, area.state, area.view.directions,
+        start, TOUCH, area.roi, area.box,
     )  # fmt: skip
     touching, whole = table[:, 0], table[:, 4]
     things = np.flatnonzero(
@@ -267,6 +267,7 @@ def touches(
     mask: NDArray[np.bool_],
     depth: NDArray[np.float32],
     measured: NDArray[np.float32],
+    state: NDArray[np.uint8],
     directions: NDArray[np.float32],
     start: NDArray[np.float32],
     touch: float,
@@ -314,7 +315,9 @@ def touches(
                 for i in range(end - begin):
                     total += row[i] * ray[i]
                 table[n, 5 + axis] += float(total) + (end - begin) * float(start[axis])
-            given = (label, size, mask, depth, measured, directions, start, limit, lost, table[n])
+            given = (
+                label, size, mask, depth, measured, state, directions, start, limit, lost, table[n],
+            )  # fmt: skip
             # Nothing is met where the cloth does not reach.
             if top <= y < bottom:
                 if left < begin <= right + GAP:
@@ -342,6 +345,7 @@ def _touch(
     mask: NDArray[np.bool_],
     depth: NDArray[np.float32],
     measured: NDArray[np.float32],
+    state: NDArray[np.uint8],
     directions: NDArray[np.float32],
     start: NDArray[np.float32],
     limit: np.float32,
@@ -363,7 +367,7 @@ def _touch(
     if not (0 <= j < h and 0 <= i < w) or not mask[j, i]:
         return
     c, d = depth[j, i], measured[y, x]
-    if measured[j, i] <= 0.0 and abs(c - d) < lost:
+    if state[j, i] == GROWN and abs(c - d) < lost:
         c = d
     if abs(c - d) < limit:
         row[0] += 1.0

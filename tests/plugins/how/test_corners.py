@@ -18,6 +18,7 @@ from clothrf_how.corners import (
     outward,
 )
 from clothrf_how.foreground import View, anchor, foreground
+from clothrf_how.foreground_kernels import GROWN
 from clothrf_how.holders import GAP, LEAST_AREA, Layout, find_holders, slots, tip, touches
 
 from clothrf_core.camera_model import back_project, project
@@ -269,13 +270,13 @@ def test_compiled_touches_and_tip_equal_plain_python():
     start = rng.random(3).astype(np.float32)
     size = np.array([0, 24, 26, 5], np.int32)
     # Where nothing is measured the cloth's depth is a guess, and the thing's own counts.
-    measured[mask & (rng.random((h, w)) < 0.3)] = 0.0
-    depth[measured == 0.0] += 0.2
+    state = np.where(mask & (rng.random((h, w)) < 0.3), GROWN, 0).astype(np.uint8)
+    depth[state == GROWN] += 0.2
 
     mask[:, :2] = mask[11:] = False
 
     got, boxes = touches(
-        label, size, mask, depth, measured, rays, start, 0.05, (2, 2, 9, 11), (2, 0, w, 11)
+        label, size, mask, depth, measured, state, rays, start, 0.05, (2, 2, 9, 11), (2, 0, w, 11)
     )
 
     want = np.zeros((4, 8))
@@ -290,7 +291,7 @@ def test_compiled_touches_and_tip_equal_plain_python():
             inside = [(j, i) for j, i in way if 0 <= j < h and 0 <= i < w]
             known = [(j, i) for j, i in inside if mask[j, i] or size[label[j, i]] >= LEAST_AREA]
             j, i = known[0] if known else (y, x)
-            there = depth[j, i] if measured[j, i] > 0 else measured[y, x]
+            there = measured[y, x] if state[j, i] == GROWN else depth[j, i]
             if mask[j, i] and abs(there - measured[y, x]) < np.float32(0.05):
                 want[n, 0] += 1
                 want[n, 1:4] += start + there * rays[:, j, i]

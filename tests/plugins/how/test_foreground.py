@@ -81,10 +81,11 @@ def test_cloth_on_both_sides_of_an_arm_is_kept(sheet, find):
 
 
 def test_a_finger_thin_thing_in_front_is_bridged(sheet, find):
-    depth = np.array(sheet.depth)
+    depth, rgb = np.array(sheet.depth), np.array(sheet.rgb)
     depth[150:300, 300:312] = 0.3
+    rgb[150:300, 300:312] = (200, 150, 130)
 
-    area = find(_with(sheet, depth))
+    area = find(_with(sheet, depth, rgb))
 
     assert area.mask[80:145, 150:156].all()
     assert np.abs(area.depth[80:145, 152] - area.depth[80:145, 148]).max() < 0.01
@@ -291,15 +292,25 @@ def test_a_bar_of_the_cloths_colour_before_the_cloth_is_not_cloth(sheet, find):
     assert mask[:, 157:].any()
 
 
+def _met(label, z):
+    area = np.bincount(label.ravel()).astype(np.int32)
+    return surface_kernels.apart(label, area, z, 1, 1, 0.1, (0, 0, *label.shape[::-1])).tolist()
+
+
 def test_meeting_pieces_are_counted():
     label = np.array([[1, 1, 0, 2, 2, 0, 0, 0, 0, 0, 3]], np.int32)
     z = np.where(label == 2, 0.3, 0.5).astype(np.float32)
-    area = np.bincount(label.ravel()).astype(np.int32)
 
-    count = surface_kernels.apart(label, area, z, 1, 1, 0.1, (0, 0, *label.shape[::-1]))
+    # Both pixels of piece 2 are within four of piece 1 and 0.2 m before it; piece 3 is farther
+    # away, but not before it.
+    assert _met(label, z) == [[0, 0], [0, 0], [2, 2], [0, 1]]
 
-    # Both pixels of piece 2 are within four of piece 1 and 0.2 m before it; piece 3 is too far.
-    assert count.tolist() == [[0, 0], [0, 0], [2, 2], [0, 0]]
+
+def test_a_piece_that_meets_nothing_must_not_be_before_all_of_the_cloth():
+    label = np.diag([1, 0, 0, 2, 0, 3]).astype(np.int32)
+    z = np.select([label == 2, label == 3], [0.4, 0.48], 0.5).astype(np.float32)
+
+    assert _met(label, z) == [[0, 0], [0, 0], [1, 1], [0, 0]]
 
 
 def test_the_reach_of_a_state_is_its_bounding_box():
