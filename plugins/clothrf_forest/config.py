@@ -56,7 +56,7 @@ class ForestConfig(Section):
         "(ridge), or also in the products of their main directions; or none",
     )
     curve_directions: int = Field(
-        48,
+        32,
         ge=1,
         le=64,
         description="directions, those the actions depend on most, in the products of a "

@@ -65,18 +65,19 @@ def telling(
     asked = np.sort(rng.choice(among, min(ROWS, len(among)), replace=False))
     z = design.of(asked)
     scaled = weight / max(float(np.sqrt((z.var(0) * weight**2).sum())), 1e-300)
-    u = z * scaled
+    # Single precision: the directions of a regularised regression ask for no more.
+    u = (z * scaled).astype(np.float32)
     centre, axes = principal_axes(targets[asked])
-    kernel = (1.0 + u @ u.T) ** 2
-    kernel[np.diag_indices_from(kernel)] += PENALTY
-    answers = (targets[asked] - centre) @ axes
+    kernel = (np.float32(1.0) + u @ u.T) ** 2
+    kernel[np.diag_indices_from(kernel)] += np.float32(PENALTY)
+    answers = ((targets[asked] - centre) @ axes).astype(np.float32)
     alpha = cho_solve(cho_factor(kernel, lower=True, overwrite_a=True), answers)
     spread = u.T @ u / len(u)
     outer = np.zeros_like(spread)
     for a in alpha.T:
         bent, straight = (u * a[:, None]).T @ u, u.T @ a
         outer += bent @ spread @ bent + np.outer(straight, straight)
-    outer *= scaled[:, None] * scaled
+    outer = outer.astype(np.float64) * (scaled[:, None] * scaled)
     f = len(outer)
     q = min(most, f)
     value, found = eigh(outer, subset_by_index=[f - q, f - 1])
