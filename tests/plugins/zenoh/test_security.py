@@ -82,7 +82,9 @@ def test_a_controller_may_read_and_command(guarded):
         assert sees_state(client)
         client.arm(0.3)
         client.send(np.zeros(14), np.zeros(14))
-        until(lambda: client.poll() is None or client.status.get("state") == "RUNNING", what="RUNNING")
+        until(
+            lambda: client.poll() is None or client.status.get("state") == "RUNNING", what="RUNNING"
+        )
         client.release()
 
 
