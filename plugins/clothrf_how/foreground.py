@@ -17,6 +17,7 @@ from clothrf_how import colour_kernels as colour
 from clothrf_how import foreground_kernels as kernels
 from clothrf_how import mask_kernels, noise_kernels, surface_kernels
 from clothrf_how.config import ForegroundOptions
+from clothrf_how.rivals import fits_better
 
 # Depths of one 2 x 2 block that are this close to its nearest are averaged, metres; across an edge
 # the mean of near and far would be a point in the air. Of a noisy picture: so many deviations,
@@ -32,9 +33,6 @@ CALM = (0, 2, 4, 6)
 ALIKE = 0.5
 # Further pieces that have the cloth's colour are kept from this share of the largest on.
 OWN_SHARE = 0.003
-# Metres from the line between the grippers within which cloth is held, and pixels of it that tell.
-HELD = 0.12
-BETWEEN = 100
 # The states if what is odd were the cloth, and the cloth what is odd.
 EXCHANGED = np.array(
     [kernels.UNMEASURED, kernels.ODD, kernels.ELSEWHERE, kernels.CANDIDATE, kernels.UNMEASURED],
@@ -144,7 +142,13 @@ def foreground(
         told, odd = _told(other, frame, view, where, options, roi)
         if told is not None:
             rival = _cloth(z, other, told, options, roi)
-            if _fits_better(*rival[:2], *cloth[:2], view, grasp):
+            if fits_better(
+                (rival.mask, rival.depth),
+                (cloth.mask, cloth.depth),
+                view.directions,
+                view.origin,
+                grasp,
+            ):
                 state, cloth = other, rival
     mask, depth, roi = cloth
     if radius > 0:
@@ -209,43 +213,6 @@ def _told(
     if agree <= odd:
         return None, 0
     return shade, odd
-
-
-def _fits_better(
-    one: NDArray[np.bool_],
-    depth: Float32,
-    other: NDArray[np.bool_],
-    other_depth: Float32,
-    view: View,
-    grasp: Float | None,
-) -> bool:
-    """Whether more of the first mask than of the other lies between the grippers.
-
-    Where they are not known, or nothing lies there: whether it is thicker.
-    """
-    if grasp is not None and np.isfinite(grasp).all():
-        between = _between(one, depth, view, grasp)
-        rival = _between(other, other_depth, view, grasp)
-        if max(between, rival) >= BETWEEN:
-            return between > rival
-    return _thickness(one) > _thickness(other)
-
-
-def _between(mask: NDArray[np.bool_], depth: Float32, view: View, grasp: Float) -> int:
-    """Pixels whose points are `HELD` from the line between the grippers at most."""
-    points = (view.origin[:, None] + depth[mask] * view.directions[:, mask]).T
-    line = grasp[1] - grasp[0]
-    along = (points - grasp[0]) @ line / max(float(line @ line), 1e-9)
-    off = points - (grasp[0] + np.clip(along, 0.0, 1.0)[:, None] * line)
-    return int(np.count_nonzero((off**2).sum(axis=1) < HELD * HELD))
-
-
-def _thickness(mask: NDArray[np.bool_]) -> float:
-    """Sum over a mask of the distance to its rim, pixels: large for sheets, small for arms."""
-    inside = cv2.distanceTransform(
-        src=mask.view(np.uint8), distanceType=cv2.DIST_L2, maskSize=cv2.DIST_MASK_3
-    )
-    return float(inside.sum(dtype=np.float64))
 
 
 def _calm(z: Float32, size: int, roi: tuple[int, int, int, int]) -> None:
