@@ -29,7 +29,7 @@ from clothrf_zenoh.messages import decode_joint_state, decode_pose_array
 
 ARM, BODY, TABLE = (0.62, 0.62, 0.60), (0.50, 0.50, 0.50), (0.45, 0.44, 0.42)
 TARGET = (0.8, 0.1, 0.0)
-TARGET_RADIUS = 0.012  # m
+TARGET_RADIUS = 0.025  # m, wider than a finger, which is mostly where its target is
 FORGOTTEN_S = 0.5  # a target without a successor for so long is not drawn any more
 
 
