@@ -137,7 +137,7 @@ def foreground(
     cloth = _cloth(z, state, told, options, roi)
     if where.hue is None and 2 * odd > np.count_nonzero(cloth.mask):
         # Hands and arms may be more of the picture than a cloth that is half hidden, or lost to the
-        # sensor: what lies between the grippers is the cloth.
+        # sensor: what is more of a sheet, and nearer to the grippers, is the cloth.
         other = EXCHANGED[state]
         told, odd = _told(other, frame, view, where, options, roi)
         if told is not None:

@@ -8,9 +8,8 @@ from numpy.typing import NDArray
 
 from clothrf_core.types import Float, Float32
 
-# Metres from the line between the grippers within which cloth is held, and pixels of it that tell.
-HELD = 0.12
-BETWEEN = 100
+# Metres added to the distance from the grippers: nothing is infinitely near.
+NEARBY = 0.02
 
 Piece = tuple[NDArray[np.bool_], Float32]
 """(h, w) bool mask, and (h, w) float32 depth in metres."""
@@ -19,9 +18,10 @@ Piece = tuple[NDArray[np.bool_], Float32]
 def fits_better(
     one: Piece, other: Piece, directions: Float32, origin: Float32, grasp: Float | None
 ) -> bool:
-    """Whether more of the first piece than of the other lies between the grippers.
+    """Whether the first piece is more of a sheet, and nearer to the grippers, than the other.
 
-    Where they are not known, or nothing lies there: whether it is thicker.
+    The score is thickness over distance: arms are thin, and they hold the far
+    end; grippers are near, but thinner still.
 
     Args:
         one: a piece.
@@ -30,21 +30,21 @@ def fits_better(
         origin: (3,) float32 camera centre, world.
         grasp: (2, 3) world metres, where the robot holds the cloth; None or NaN = not known.
     """
-    if grasp is not None and np.isfinite(grasp).all():
-        counts = [between(piece, directions, origin, grasp) for piece in (one, other)]
-        if max(counts) >= BETWEEN:
-            return counts[0] > counts[1]
-    return thickness(one[0]) > thickness(other[0])
+    scores = [thickness(mask) for mask, _ in (one, other)]
+    if grasp is not None and np.isfinite(grasp).all() and min(scores) > 0.0:
+        for k, piece in enumerate((one, other)):
+            scores[k] /= NEARBY + distance(piece, directions, origin, grasp)
+    return scores[0] > scores[1]
 
 
-def between(piece: Piece, directions: Float32, origin: Float32, grasp: Float) -> int:
-    """Pixels whose points are `HELD` metres from the line between the grippers at most."""
+def distance(piece: Piece, directions: Float32, origin: Float32, grasp: Float) -> float:
+    """Median distance of a piece's points from the line between the grippers, metres."""
     mask, depth = piece
     points = (origin[:, None] + depth[mask] * directions[:, mask]).T
     line = grasp[1] - grasp[0]
     along = (points - grasp[0]) @ line / max(float(line @ line), 1e-9)
     off = points - (grasp[0] + np.clip(along, 0.0, 1.0)[:, None] * line)
-    return int(np.count_nonzero((off**2).sum(axis=1) < HELD * HELD))
+    return float(np.median(np.linalg.norm(off, axis=1)))
 
 
 def thickness(mask: NDArray[np.bool_]) -> float:

@@ -153,8 +153,10 @@ def apart(
 
     They meet where a pixel of a piece of at least `least` pixels and one of `main` are at most
     `GAP` apart in a row or a column; a piece that meets it nowhere is looked at again, up to `FAR`
-    pixels away. One that meets it not even there counts as apart if it is nearer than all of `main`
-    by half of `jump`. No piece lies outside the half-open `box`.
+    pixels away: behind something in front the cloth may recede by `SLOPE`, past the background it
+    must go on at its depth, give or take half of `jump`. One that meets it not even there counts as
+    apart if it is nearer than all of `main` by half of `jump`. No piece lies outside the half-open
+    `box`.
     """
     count = np.zeros((area.size, 2), np.int64)
     _meet(label, area, z, main, least, jump, box, GAP, count)
@@ -209,13 +211,18 @@ def _meet(
             if n == 0 or n == main or area[n] < least:
                 continue
             for k in range(4):
+                behind = 0
                 for step in range(1, reach + 1):
                     j = y + (step if k == 0 else (-step if k == 1 else 0))
                     i = x + (step if k == 2 else (-step if k == 3 else 0))
                     if not (0 <= j < h and 0 <= i < w):
                         break
                     if label[j, i] == main:
+                        allowed = jump + SLOPE * max(step - GAP, 0)
+                        if behind > GAP:
+                            allowed = 0.5 * jump
                         count[n, 1] += 1
-                        if abs(z[j, i] - z[y, x]) > jump + SLOPE * max(step - GAP, 0):
+                        if abs(z[j, i] - z[y, x]) > allowed:
                             count[n, 0] += 1
                         break
+                    behind += z[j, i] <= 0.0 or z[j, i] > z[y, x] + jump

@@ -306,6 +306,16 @@ def test_meeting_pieces_are_counted():
     assert _met(label, z) == [[0, 0], [0, 0], [2, 2], [0, 1]]
 
 
+def test_past_the_background_a_piece_must_go_on_at_the_cloths_depth():
+    label = np.array([[1, 1] + [0] * 8 + [2, 2]], np.int32)
+    hidden = np.where(label == 1, 0.5, np.where(label == 2, 0.42, 0.3)).astype(np.float32)
+    open_ = np.where(label == 0, 0.0, hidden).astype(np.float32)
+
+    # Something at 0.3 m parts the pieces, or nothing is measured between them.
+    assert _met(label, hidden)[2] == [0, 2]
+    assert _met(label, open_)[2] == [2, 2]
+
+
 def test_a_piece_that_meets_nothing_must_not_be_before_all_of_the_cloth():
     label = np.diag([1, 0, 0, 2, 0, 3]).astype(np.int32)
     z = np.select([label == 2, label == 3], [0.4, 0.48], 0.5).astype(np.float32)

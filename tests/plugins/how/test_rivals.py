@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from clothrf_how.rivals import between, fits_better, thickness
+from clothrf_how.rivals import distance, fits_better, thickness
 
 H, W = 60, 80
 ORIGIN = np.zeros(3, np.float32)
@@ -32,15 +32,17 @@ def test_a_sheet_is_thicker_than_bars_of_more_pixels():
     assert thickness(SHEET[0]) > thickness(bars[0])
 
 
-def test_what_lies_on_the_line_between_the_grippers_is_counted(rays):
-    grasp = np.array([[0.03, 0.03, 1.0], [0.05, 0.03, 1.0]])
+def test_the_distance_is_that_from_the_line_between_the_grippers(rays):
+    grasp = np.array([[0.02, 0.03, 1.0], [0.06, 0.03, 1.0]])
+    far = (SHEET[0], np.where(SHEET[0], 1.5, 0.0).astype(np.float32))
 
-    assert between(SHEET, rays, ORIGIN, grasp) == SHEET[0].sum()
-    assert between((SHEET[0], SHEET[1] * 1.2), rays, ORIGIN, grasp) == 0
+    # Rows 10 to 49 are up to 20 mm from row 30, in the middle 10.
+    assert distance(SHEET, rays, ORIGIN, grasp) == pytest.approx(0.010, abs=1e-3)
+    assert distance(far, rays, ORIGIN, grasp) == pytest.approx(0.5, abs=0.01)
 
 
-def test_the_grippers_say_which_is_the_cloth(rays):
-    far = (SHEET[0], SHEET[1] * 1.5)
+def test_what_the_grippers_are_near_to_is_the_cloth(rays):
+    far = (SHEET[0], np.where(SHEET[0], 1.5, 0.0).astype(np.float32))
     at_bar = np.array([[0.005, 0.0, 1.0], [0.005, 0.05, 1.0]])
 
     assert fits_better(BAR, far, rays, ORIGIN, at_bar)
@@ -51,3 +53,9 @@ def test_the_grippers_say_which_is_the_cloth(rays):
 def test_without_grippers_nearby_the_thicker_is_the_cloth(rays, grasp):
     assert fits_better(SHEET, BAR, rays, ORIGIN, grasp)
     assert not fits_better(BAR, SHEET, rays, ORIGIN, grasp)
+
+
+def test_nothing_is_no_cloth(rays):
+    nothing = (np.zeros((H, W), bool), np.zeros((H, W), np.float32))
+
+    assert fits_better(BAR, nothing, rays, ORIGIN, np.full((2, 3), 9.0))
