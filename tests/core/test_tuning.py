@@ -131,7 +131,7 @@ def test_the_shipped_search_is_one():
     registry = Registry.installed()
     resolved = config.load(shipped("tune_three_tasks.toml"), registry)
     tried = combinations(resolved, registry, resolved.experiment.tune)
-    assert tried == [{}, *({"curve_directions": n} for n in (24, 32, 64))]
+    assert tried == [{}, *({"curve_directions": n} for n in (24, 48, 64))]
 
 
 def test_the_command_prints_the_search(toy, experiment, tmp_path, monkeypatch, capsys):
