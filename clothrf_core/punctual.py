@@ -35,7 +35,7 @@ def _scheduled(priority: int, before: contextlib.ExitStack) -> str:
     """Ask for better scheduling and say what was granted; `before` takes it back."""
     if hasattr(os, "sched_setscheduler"):
         policy, parameters = os.sched_getscheduler(0), os.sched_getparam(0)
-        with contextlib.suppress(PermissionError):
+        with contextlib.suppress(OSError):
             os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
             before.callback(os.sched_setscheduler, 0, policy, parameters)
             return f"SCHED_FIFO {priority}"

@@ -112,9 +112,9 @@ class SceneMesh:
             uv=np.array(self.uv),
         )
 
-    def printed(self, pattern: Pattern | None, uv: Float) -> SceneMesh:
-        """The same with `pattern` on it, each vertex at its (V, 2) place `uv`; None = plain."""
-        return self if pattern is None else replace(self, pattern=pattern, uv=uv)
+    def printed(self, pattern: Pattern, uv: Float) -> SceneMesh:
+        """The same with `pattern` on it, each vertex at its (V, 2) place `uv`."""
+        return replace(self, pattern=pattern, uv=uv)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -150,7 +150,7 @@ class SimulatedWorld(World):
         meshes = [
             self._cloth_mesh(state, params),
             *self._holders.at(state),
-            self._table.printed(params.table_pattern, seen_from_above(self._table)),
+            self._table_mesh(params),
             *params.occluders,
         ]
         if params.backdrop is not None:
@@ -160,7 +160,14 @@ class SimulatedWorld(World):
     def _cloth_mesh(self, state: ClothState, params: Randomization) -> SceneMesh:
         mesh = self._simulator.mesh()
         plain = cloth_mesh(state, mesh, params.cloth_colour)
+        if params.cloth_pattern is None:
+            return plain
         return plain.printed(params.cloth_pattern, mesh.rest / np.array(params.simulation.size))
+
+    def _table_mesh(self, params: Randomization) -> SceneMesh:
+        if params.table_pattern is None:
+            return self._table
+        return self._table.printed(params.table_pattern, seen_from_above(self._table))
 
     @override
     def camera_model(self) -> CameraModel:

@@ -22,9 +22,10 @@ def test_priority_zero_asks_for_nothing():
     assert granted == "default"
 
 
-def test_without_permission_the_block_runs_all_the_same(monkeypatch):
+@pytest.mark.parametrize("error", [PermissionError, OSError])
+def test_without_permission_the_block_runs_all_the_same(monkeypatch, error):
     def refused(*_):
-        raise PermissionError
+        raise error
 
     monkeypatch.setattr(os, "sched_setscheduler", refused)
     monkeypatch.setattr(os, "nice", refused)

@@ -85,7 +85,8 @@ def test_a_cloth_found_by_its_hue_stays_found(nominal):
     for seed in range(10):
         drawn = made.draw(np.random.default_rng(seed), seen_by)
         cloth = dataclasses.replace(sheet, colour=drawn.cloth_colour)
-        cloth = cloth.printed(drawn.cloth_pattern, places / places.max(axis=0))
+        if drawn.cloth_pattern is not None:
+            cloth = cloth.printed(drawn.cloth_pattern, places / places.max(axis=0))
         seen = renderer.render(Scene(meshes=(cloth, drawn.backdrop)), CAMERA)
 
         hsv = cv2.cvtColor(seen.frame.rgb, code=cv2.COLOR_RGB2HSV).astype(float)
