@@ -23,7 +23,7 @@ from scipy.linalg import eigh
 
 from clothrf_core.types import Float, Float32
 from clothrf_forest.binning import chunks
-from clothrf_forest.ridge import Moments, Survey, added
+from clothrf_forest.ridge import Moments, Survey, added, by_fold
 
 PRIOR = 10.0
 
@@ -83,7 +83,10 @@ def fit_novelty(known: Survey, *, components: int) -> tuple[Novelty, Float, bool
     if min(whole.n - part.n for part in known.parts) < 2 * components:
         model = principal(whole, components)
         return model, model.scores(design.of(slice(None))), False
-    counted = _counted(known, _judged(known, known.parts, components))
+    # Known but rare poses count for more.
+    count = _judged(known, known.parts, components)
+    count /= max(float(count.mean()), 1e-300)
+    counted = by_fold(design, np.zeros((len(design), 0)), known.fold, count)
     return principal(added(counted), components), _judged(known, counted, components), True
 
 
@@ -99,24 +102,6 @@ def _judged(known: Survey, parts: Sequence[Moments], components: int) -> Float:
             mine = known.fold[rows] == k
             part[mine] = model.scores(x[mine])
     return scores
-
-
-def _counted(known: Survey, count: Float) -> list[Moments]:
-    """Moments of the folds, each row counted by (N,) `count` over its mean."""
-    f = known.design.width
-    none = np.zeros(0)
-    found = [
-        Moments(0, np.zeros(f), none, np.zeros((f, f)), np.zeros((f, 0)), none) for _ in known.parts
-    ]
-    share = count / max(float(count.mean()), 1e-300)
-    for rows in chunks(len(known.design)):
-        x = known.design.of(rows)
-        for k, part in enumerate(found):
-            mine = known.fold[rows] == k
-            a, w = x[mine], share[rows][mine]
-            more = Moments(w.sum(), w @ a, none, (a * w[:, None]).T @ a, part.xy, none)
-            found[k] = part + more
-    return found
 
 
 def usual(

@@ -199,6 +199,13 @@ def survey(
     design: Design, targets: Float, fold: NDArray[np.int64], weight: Float | None = None
 ) -> Survey:
     """`Moments` of every fold, in one pass over the rows; they may be memory-mapped."""
+    return Survey(design, fold, by_fold(design, targets, fold), weight)
+
+
+def by_fold(
+    design: Design, targets: Float, fold: NDArray[np.int64], count: Float | None = None
+) -> tuple[Moments, ...]:
+    """Moments of each fold, in one pass; each row counts as (N,) `count` says, None = once."""
     f, d = design.width, targets.shape[1]
     parts = [
         Moments(0, np.zeros(f), np.zeros(d), np.zeros((f, f)), np.zeros((f, d)), np.zeros(d))
@@ -209,10 +216,17 @@ def survey(
         y = targets[rows]
         for k in range(FOLDS):
             mine = fold[rows] == k
-            a, b = x[mine], y[mine]
-            part = Moments(len(a), a.sum(0), b.sum(0), a.T @ a, a.T @ b, (b * b).sum(0))
-            parts[k] = parts[k] + part
-    return Survey(design, fold, tuple(parts), weight)
+            parts[k] = parts[k] + _moments(
+                x[mine], y[mine], None if count is None else count[rows][mine]
+            )
+    return tuple(parts)
+
+
+def _moments(a: Float, b: Float, count: Float | None) -> Moments:
+    if count is None:
+        return Moments(len(a), a.sum(0), b.sum(0), a.T @ a, a.T @ b, (b * b).sum(0))
+    counted = (a * count[:, None]).T
+    return Moments(count.sum(), count @ a, count @ b, counted @ a, counted @ b, count @ (b * b))
 
 
 def correlations(of: Moments) -> Float:

@@ -8,7 +8,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from clothrf_how.foreground_kernels import CANDIDATE, GROWN, ODD, UNMEASURED
+from clothrf_how.foreground_kernels import CANDIDATE, GROWN, ODD, UNMEASURED, stepped
+from clothrf_how.histogram import median_bin
 
 # Shades of a working pixel: no colour to speak of, the cloth's colour, another one.
 UNTOLD = 0
@@ -86,25 +87,14 @@ def cloth_colour(
     zero = np.float32(0.0)
     if 2 * bright <= seen or tolerance <= 0.0:
         return Colour(zero, zero, zero)
-    middle_red, middle_green = _median(red, bright), _median(green, bright)
+    middle_red = np.float32(median_bin(red, bright) / BINS)
+    middle_green = np.float32(median_bin(green, bright) / BINS)
     red[:] = 0
     for i in range(bright):
         off = max(abs(reds[i] - middle_red), abs(greens[i] - middle_green))
         red[int(min(bins * off, last))] += 1
-    own = max(np.float32(5.0) * _median(red, bright), LEAST_SPREAD)
+    own = max(np.float32(5.0) * np.float32(median_bin(red, bright) / BINS), LEAST_SPREAD)
     return Colour(middle_red, middle_green, min(own, np.float32(tolerance)))
-
-
-@njit(cache=True, nogil=True)
-def _median(histogram: NDArray[np.int64], total: int) -> np.float32:
-    """Median of a histogram over [0, 1], linear within its bin."""
-    below = 0
-    for i in range(histogram.size):
-        if 2 * (below + histogram[i]) >= total:
-            inside = (0.5 * total - below) / histogram[i]
-            return np.float32((i + inside) / histogram.size)
-        below += histogram[i]
-    return np.float32(1.0)
 
 
 @njit(cache=True, nogil=True)
@@ -251,6 +241,7 @@ def complete(
     h, w = mask.shape
     x0, y0, x1, y1 = box
     front = np.empty((h * w, 2), np.int32)
+    given = (depth, z, shade, label, large, limit, off, front)
     area = grown = 0
     bits = mask.view(np.uint8)
     # The rim of a row, eight pixels to a word: most of it is empty.
@@ -275,16 +266,14 @@ def complete(
                 continue
             for x in range(8 * word, min(8 * word + 8, w)):
                 if rim[x]:
-                    grown = _reached(
-                        y, x, mask, depth, z, shade, label, large, limit, off, front, grown
-                    )
+                    grown = _reached(y, x, grown, *given)
     start, end, far = 0, grown, grown
     for level in range(1, reach):
         if start == end:
             break
         for n in range(start, end):
             y, x = front[n, 0], front[n, 1]
-            grown = _reached(y, x, mask, depth, z, shade, label, large, limit, off, front, grown)
+            grown = _reached(y, x, grown, *given)
         start, end = end, grown
         if level < NEAR:
             far = grown
@@ -305,7 +294,7 @@ def complete(
 def _reached(
     y: int,
     x: int,
-    mask: NDArray[np.bool_],
+    grown: int,
     depth: NDArray[np.float32],
     z: NDArray[np.float32],
     shade: NDArray[np.uint8],
@@ -314,13 +303,11 @@ def _reached(
     limit: np.float32,
     off: np.float32,
     front: NDArray[np.int32],
-    grown: int,
 ) -> int:
     """Give the neighbours of (y, x) a depth and append them to the front; its length then."""
-    h, w = mask.shape
+    h, w = shade.shape
     for k in range(4):
-        j = y + (1 if k == 0 else (-1 if k == 1 else 0))
-        i = x + (1 if k == 2 else (-1 if k == 3 else 0))
+        j, i = stepped(y, x, k, 1)
         if not (0 <= j < h and 0 <= i < w) or shade[j, i] != OWN or depth[j, i] > 0.0:
             continue
         here, there = depth[y, x], z[j, i]

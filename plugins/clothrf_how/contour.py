@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from clothrf_core.types import Float32
 from clothrf_how.cloud import Cloud
+from clothrf_how.mask_kernels import ends
 
 BANDS = 8
 SIDES = ("top", "bottom", "left", "right")
@@ -37,14 +38,9 @@ def rims(mask: NDArray[np.bool_]) -> tuple[NDArray[np.int32], NDArray[np.int32]]
     h, w = mask.shape
     first, last = np.full(h, -1, np.int32), np.full(h, -1, np.int32)
     for y in range(h):
-        a, b = 0, w - 1
-        while a < w and not mask[y, a]:
-            a += 1
-        if a == w:
-            continue
-        while not mask[y, b]:
-            b -= 1
-        first[y], last[y] = a, b
+        a, b = ends(mask[y], 0, w)
+        if a < b:
+            first[y], last[y] = a, b - 1
     return first, last
 
 

@@ -142,13 +142,7 @@ def foreground(
         told, odd = _told(other, frame, view, where, options, roi)
         if told is not None:
             rival = _cloth(z, other, told, options, roi)
-            if fits_better(
-                (rival.mask, rival.depth),
-                (cloth.mask, cloth.depth),
-                view.directions,
-                view.origin,
-                grasp,
-            ):
+            if fits_better(rival[:2], cloth[:2], view.directions, view.origin, grasp):
                 state, cloth = other, rival
     mask, depth, roi = cloth
     if radius > 0:

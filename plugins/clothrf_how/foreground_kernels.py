@@ -156,3 +156,11 @@ def reach(state: NDArray[np.uint8], wanted: int) -> tuple[int, int, int, int]:
         x0, x1 = min(x0, first), max(x1, last)
         y0, y1 = min(y0, y), y + 1
     return (x0, y0, x1, y1) if y1 > 0 else (0, 0, 0, 0)
+
+
+@njit(cache=True, nogil=True)
+def stepped(y: int, x: int, way: int, steps: int) -> tuple[int, int]:
+    """The pixel so many steps from (y, x): down, up, right or left for way 0 to 3."""
+    if way < 2:
+        return y + (steps if way == 0 else -steps), x
+    return y, x + (steps if way == 2 else -steps)

@@ -8,20 +8,26 @@ from numpy.typing import NDArray
 
 
 @njit(cache=True, nogil=True)
+def ends(row: NDArray[np.bool_], start: int, stop: int) -> tuple[int, int]:
+    """Half-open range of a row from its first to its last true pixel; empty if there is none."""
+    a, b = start, stop
+    while a < stop and not row[a]:
+        a += 1
+    while b > a and not row[b - 1]:
+        b -= 1
+    return a, b
+
+
+@njit(cache=True, nogil=True)
 def bounds(mask: NDArray[np.bool_], box: tuple[int, int, int, int]) -> tuple[int, int, int, int]:
     """Half-open (x0, y0, x1, y1) of the true pixels, all of which lie in `box`; zeros if none."""
     left, top, right, bottom = box
     x0, y0, x1, y1 = right, bottom, left, top
     for y in range(top, bottom):
-        first = left
-        while first < right and not mask[y, first]:
-            first += 1
-        if first == right:
+        first, end = ends(mask[y], left, right)
+        if first == end:
             continue
-        last = right - 1
-        while not mask[y, last]:
-            last -= 1
-        x0, x1 = min(x0, first), max(x1, last + 1)
+        x0, x1 = min(x0, first), max(x1, end)
         y0, y1 = min(y0, y), y + 1
     return (x0, y0, x1, y1) if x1 > x0 else (0, 0, 0, 0)
 
@@ -110,11 +116,7 @@ def bridge(
         for i in range(x1 - x0):
             line[i] = row[i] if inside[i] else zero
             many += np.int32(1) if inside[i] else np.int32(0)
-        a, b = x0, x1
-        while a < x1 and not mask[y, a]:
-            a += 1
-        while b > a and not mask[y, b - 1]:
-            b -= 1
+        a, b = ends(mask[y], x0, x1)
         if many == b - a:
             continue
         last = w

@@ -6,6 +6,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from clothrf_how.histogram import median_bin
+
 # A second difference of three independent normal errors has this many of their deviations, and the
 # median of its magnitude is 0.6745 of its own.
 SPREAD = 0.6745 * 6.0**0.5
@@ -43,12 +45,7 @@ def noise(depth: NDArray[np.float32], near: float, far: float) -> float:
                 known += 1
     if known < 100:
         return 0.0
-    below = 0
-    for i in range(BINS):
-        if 2 * (below + count[i]) >= known:
-            return float(STEP * (i + (0.5 * known - below) / count[i]) / SPREAD)
-        below += count[i]
-    return 0.0
+    return STEP * median_bin(count, known) / SPREAD
 
 
 @njit(cache=True, nogil=True)

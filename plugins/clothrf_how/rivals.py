@@ -20,8 +20,8 @@ def fits_better(
 ) -> bool:
     """Whether the first piece is more of a sheet, and nearer to the grippers, than the other.
 
-    The score is thickness over distance: arms are thin, and they hold the far
-    end; grippers are near, but thinner still.
+    The score is thickness over distance: arms are thin, and they hold the far end; grippers are
+    near, but thinner still.
 
     Args:
         one: a piece.

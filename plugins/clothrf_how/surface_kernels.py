@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from clothrf_how.foreground_kernels import GAP
+from clothrf_how.foreground_kernels import GAP, stepped
 
 # Pixels across which pieces are compared that meet nowhere: something in front may part the cloth.
 FAR = 80
@@ -213,8 +213,7 @@ def _meet(
             for k in range(4):
                 behind = 0
                 for step in range(1, reach + 1):
-                    j = y + (step if k == 0 else (-step if k == 1 else 0))
-                    i = x + (step if k == 2 else (-step if k == 3 else 0))
+                    j, i = stepped(y, x, k, step)
                     if not (0 <= j < h and 0 <= i < w):
                         break
                     if label[j, i] == main:
